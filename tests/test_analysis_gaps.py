@@ -466,7 +466,7 @@ def test_intervals_of_a_row_that_yields_hold_the_gap_that_suites_were_drawn_from
         (0.001, RUN_GAPS[:3], STRIPES, r"more than 50 mm \(add gaps above 50 mm to the sweep\) touch with 0.1 %"),
         (0.001, RUN_GAPS, STRIPES, r"more than 80 mm \(add motions above 10 m s-2 to the sweep\)"),
         (0.9, RUN_GAPS, STRIPES, r"less than 20 mm \(add gaps below 20 mm to the sweep\)"),
-        (0.05, (0.4, 0.5), STRIPES[:2], r"gaps unknown from these runs \(add motions below 0.5 m s-2 or motions above"),
+        (0.05, (0.4, 0.5), STRIPES[:2], r"gaps unknown from these runs \(add weaker or stronger motions to the sweep"),
     ],
 )
 def test_beyond_what_was_run_it_says_what_to_add(p, gaps, stripes, said):

@@ -401,20 +401,14 @@ def _gap_words(row: Row, about: Mapping[str, Any]) -> str:
     low, gap, high = (row[name] and f"{1e3 * row[name]:.0f}" for name in ("gap_lower", "gap", "gap_upper"))
     if gap:
         return f"{gap} mm ({f'{low or 0} to {high}' if high else f'{low} or more'})"
-    weaker, stronger = (
-        f"motions {side} {x:.3g} {about['tried_units']}"
-        for side, x in zip(("below", "above"), about["tried"], strict=True)
-    )
-    for side, end, motions, gaps in (
-        ("more", about["gaps"][1], stronger, "above"),
-        ("less", about["gaps"][0], weaker, "below"),
-    ):
+    for side, place, way in (("more", 1, "above"), ("less", 0, "below")):
         if last := row[f"{side} than"]:
-            add = f"add gaps {gaps} {1e3 * end:g} mm to the sweep" if last == end else f"add {motions} to the sweep"
+            end, motions = about["gaps"][place], f"{about['tried'][place]:.3g} {about['tried_units']}"
+            add = f"add {f'gaps {way} {1e3 * end:g} mm' if last == end else f'motions {way} {motions}'} to the sweep"
             if side == "more" and row["share of falls"] > 0.5:
                 add = f"{100 * row['share of falls']:.0f} % of the touches at the largest gap are falls alone"
             return f"{side} than {1e3 * last:g} mm ({add})"
-    return f"gaps unknown from these runs (add {weaker} or {stronger} to the sweep, or gaps)"
+    return "gaps unknown from these runs (add weaker or stronger motions to the sweep, or gaps)"
 
 
 @comparison("gap-for-probability")
