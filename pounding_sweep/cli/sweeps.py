@@ -111,6 +111,7 @@ def run_command(
 def _report(sweep: Sweep, out: Path) -> dict[str, Any]:
     """Return what a run did, for JSON."""
     from pounding_sweep.output.describe import summarize
+    from pounding_sweep.outputs.variables import VALID
 
     outcome, asked, summary = sweep.last_outcome, sweep.spec.n_scenarios, summarize(out)
     assert outcome is not None
@@ -118,7 +119,7 @@ def _report(sweep: Sweep, out: Path) -> dict[str, Any]:
         **_description(sweep),
         "scenarios": {
             "asked": asked,
-            "usable": sum(end["count"] for end in summary["statuses"] if not end["remedy"]),
+            "usable": sum(end["count"] for end in summary["statuses"] if end["status"] in VALID),
             "run": outcome.run,
             "reused": outcome.reused,
             "never_touching": outcome.untouched,
