@@ -126,7 +126,7 @@ _GEOCSV = (
 )
 NIED = (
     "#K-NET CSV\n#Event\n#OriginTime,Latitude\n#2019/01/02 17:47:00,36.708\n#Station\n#Code,Latitude\n#FKS005,37.6\n"
-    "#Record\n#SamplingFrequency(Hz)\n#100\n#DurationTime(s)\n#60\n#Offset\n#N-S(gal),E-W(gal),U-D(gal)\n"
+    "#Record\n#SamplingFrequency(Hz)\n#100\n#DurationTime(s)\n#1\n#Offset\n#N-S(gal),E-W(gal),U-D(gal)\n"
     "#-18.60,-1.40,26.10\n#Time,RelativeTime(s),N-S(gal),E-W(gal),U-D(gal)\n"
 ) + "".join(
     f"2019/01/02 17:47:27.{i:02d},{i / 100:.2f},{v - 18.6:.7f},{2 * v - 1.4:.7f},{3 * v + 26.1:.7f}\n"
@@ -159,6 +159,7 @@ NETWORKS = {
     "unam.191": "*****\nARCHIVO ESTANDAR DE ACELERACION:\nVERSION DEL FORMATO                    : 2.0\n"
     "VEL. DE MUESTREO, C1-C6 (muestras/s)   : /100/100/100\nVEL. DE MUESTREO, C7-C12 (muestras/s)  : \n"
     "INTERVALO DE MUESTREO, C1-C6 (s)       : /0.01/0.01/0.01\n"
+    "NUM. TOTAL DE MUESTRAS, C1-C6          : /6/6/6\nNUM. TOTAL DE MUESTRAS, C7-C12         : \n"
     "ACEL. MAX.(Gal), C1-C6                 : /0.5000/1.0000/1.5000\n"
     "ACEL. MAX., C1-C6, EN LA MUESTRA       : /10692/16112/16295\nACEL. MAX.(Gal), C7-C12                : \n"
     "UNIDADES DE LOS DATOS                  : Gal (cm/s/s)\nDATOS DE ACELERACION:\n---------+---------+\n"

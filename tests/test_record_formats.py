@@ -526,6 +526,7 @@ def test_rows_that_are_not_one_component(tmp_path):
     refused(save(tmp_path, in_rows([0, 2, 127] * 16, "{:5d}", 16) + values), "line 1 holds whole numbers", **given)
     refused(save(tmp_path, f"NS EW UD\n{COMPONENTS}"), r"heads several components: \['NS', 'EW', 'UD'\]", **given)
     refused(save(tmp_path, "".join(f"{i * 0.01:.2f} {v}\n" for i, v in enumerate(VALUES))), "rises like times", **given)
+    refused(save(tmp_path, f"7 0.01 2.5\n{COMPONENTS}"), "says 7 points, it holds 21", **given)
     for broken in (values + "end of data\n", values + "1.0 2.0\n"):
         refused(save(tmp_path, broken), "give layout='rows' with dt= and units= if its values wrap", column=1, dt=0.01)
 
@@ -640,6 +641,9 @@ BAD = {
     "SLIST, too few": NETWORKS["slist.txt"].replace("7 samples", "8 samples"),
     "GeoCSV, counts": NETWORKS["geocsv0.csv"].replace("CM/S**2", "Counts"),
     "GeoCSV, too few": NETWORKS["geocsv1.csv"].replace("count: 7", "count: 8"),
+    "China, two records": NETWORKS["csmnc.dat"] * 2,
+    "UNAM, too few": NETWORKS["unam.191"].replace("/6/6/6", "/8/8/8"),
+    "NIED, too few": NIED.replace("#DurationTime(s)\n#1", "#DurationTime(s)\n#3"),
     "China, too few": NETWORKS["csmnc.dat"].replace("POINTS:  7", "POINTS:  8"),
     "ESM, no step": _ESM.replace("0.010", "x"),
     "AFAD, too few": NETWORKS["afad.txt"].replace("DATA : 7", "DATA : 8"),
@@ -656,7 +660,7 @@ BAD = {
 
 def messages(folder):
     """Return the message of each bad file."""
-    columns = {"AFAD, too few": "N-S", "CWA, another rate": "U"}
+    columns = {"AFAD, too few": "N-S", "CWA, another rate": "U", "UNAM, too few": "V", "NIED, too few": "U-D"}
     paths = {what: save(folder, text, f"{what}.AT2") for what, text in BAD.items()}
     return {w: refused(path, column=columns.get(w)).replace(str(path), "") for w, path in paths.items()}
 

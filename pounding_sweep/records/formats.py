@@ -91,9 +91,11 @@ _SEPARATORS = (
     (re.compile(rf"^(?!{NUMBER.pattern}).*\t"), "\t", False),
 )
 _EMPTY_CELL = r"(?m)(?:^|,)[ \t]*,"
-#: The number of points in the headers of ESM, China, AFAD and GeoCSV; rows of the first two wrap.
-_COUNT = r"^\W*(NDATA|NO\. OF POINTS|NUMBER OF DATA|sample_count)\s*:\s*(\d{1,9})(?!\S)"
-#: A date, and perhaps a time of day, in the first column of a row.
+#: The number of points in the headers of ESM, China, AFAD, GeoCSV and UNAM; rows of the first two wrap.
+_COUNT = (
+    r"^\W*(NDATA|NO\. OF POINTS|NUMBER OF DATA|sample_count|NUM\. TOTAL DE MUESTRAS, C1-C6)\s*:\s*/?(\d{1,9})(?![\w.])"
+)
+#: A date or a time of day, or both, in the first columns of a row.
 _DAY, _CLOCK = r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}", r"\d{1,2}(?::[\d.]+)+Z?"
 _DATE = re.compile(rf"\s*\"?(?:{_DAY}(?:[T ,;|\t]{_CLOCK})?|{_CLOCK})\"?(?:\s*[,;|]\s*|\s+)")
 #: Headings of components, of which rows of one component have none.
@@ -103,7 +105,10 @@ _COMPONENT = re.compile(r"[NSEWUDHVXYZLT][1-3]?|N-?S|E-?W|U-?D|UP|[NS]\d+[EW]|.*
 def parse_columns(source: RecordText) -> Content:
     """Read columns from the first row of numbers on, or rows of one component."""
     points, where, wraps, start = None, "", source.layout == "rows", 1
-    for match, place in source.find(_COUNT, last=MOST_HEADER if source.firm else 1):
+    counts = source.find(_COUNT) if source.firm else []
+    if len(counts) > 1:
+        raise RecordError(f"holds {len(counts)} records one after another (line {counts[1][1]}); split the file")
+    for match, place in counts:
         wraps = wraps or match[1] in ("NDATA", "NO. OF POINTS")
         points, where, start = int(match[2]), f"line {place}", place + 1
     header, line, row = _read_header(source, start)
@@ -115,11 +120,11 @@ def parse_columns(source: RecordText) -> Content:
     fits = second and count.is_integer() and count > 1 and 0.0 < interval < 1.0
     counts_rows = len(rows) > 1 and len(rows) in first
     if counts_rows or (fits and (len(second) != len(first) or (len(second) == 2 and abs(second[0]) <= interval))):
-        points, where = None if counts_rows else int(count), f"line {line}"
+        points, where = len(rows) if counts_rows else int(count), f"line {line}"
         intervals = [number for number in first if STEP_RANGE[0] <= number <= STEP_RANGE[1]]
         steps[:0] = [(number, f"{row[:40]!r}, {where}") for number in intervals[:1]]
         line, row = rows[0]
-        wraps = wraps or (points is not None and (len(_cells(row)) != 2 or source.numbers(line).size != 2 * points))
+        wraps = wraps or not (counts_rows or (len(_cells(row)) == 2 and source.numbers(line).size == 2 * points))
     column: str | None = None
     heading: list[tuple[int, str]] = []
     number = 1
@@ -129,7 +134,8 @@ def parse_columns(source: RecordText) -> Content:
     else:
         values, step, heading, column, number = _read_table(source, header, line, row, steps)
         if points is not None:
-            check_count(points, len(values), where)
+            more = "MUESTRAS" in source.lines[start - 2]  # UNAM's files have a few points more
+            check_count(points, min(len(values), points) if more else len(values), where)
     # the line of headings of several components states no unit for all of them
     remarks = [item for item in header if column is None or item[0] != heading[0][0]] if heading else header
     heading = heading or header[-1:]
@@ -326,6 +332,10 @@ def _parse_dated(source: RecordText) -> Content:
         heads, offsets = (_cells(text.lstrip("#")) for text in source.lines[line : line + 2])
         offset = dict(zip(heads, map(to_float, offsets), strict=True))[content.column or heads[0]]
         content = replace(content, values=content.values - offset)
+    for _, line in source.find(r"^#DurationTime\(s\)", last=MOST_HEADER):  # in whole seconds
+        points = round(to_float(source.lines[line].strip("#, ")) / content.step[0])
+        if abs(points - len(content.values)) * content.step[0] > 1.0 + 1e-9:
+            check_count(points, len(content.values), f"line {line + 1}")
     return content
 
 
