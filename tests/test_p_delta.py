@@ -161,6 +161,31 @@ def test_a_row_that_falls_is_its_twin_up_to_the_fall(method, dt, bound):
             np.testing.assert_allclose(mine / size, theirs / size, rtol=0, atol=bound, err_msg=name)
 
 
+def test_a_smooth_storey_falls_when_scipy_says_so():
+    """Bouc and Wen with P-Delta, its three equations written out."""
+    m, k, h, strength, r, n, beta, gamma = 100.0, 3e3, 3.0, 150.0, 0.02, 2.0, 0.5, 0.5
+    law = {"n": n, "beta": beta, "gamma": gamma}
+    building = ps.Building("a", [m], [k], 0.0, [h], yield_strengths=[strength], hardening=r, p_delta=True, bouc_wen=law)
+    time = np.arange(301) * 0.01
+    ground = 3.0 * np.sin(1.6 * np.pi * time) + 0.3
+
+    def rates(t, y):
+        d, v, p = y
+        z = d - p
+        force = r * k * d + (1.0 - r) * k * z - m * G / h * d
+        flow = abs(z * k / strength) ** n * (gamma * v + beta * abs(v) * np.sign(z))
+        return [v, -force / m - np.interp(t, time, ground), flow]
+
+    def reached(_, y):
+        return abs(y[0]) - h
+
+    reached.terminal = True
+    want = solve_ivp(rates, (0.0, 3.0), [0.0] * 3, events=reached, rtol=1e-9, atol=1e-11, max_step=0.005).t_events[0]
+    found, _ = one_lane(ps.Scene([building]), "rk4", 0.01, ps.Record("shake", 0.01, ground))
+    assert found["status"].tolist() == [Status.COLLAPSED]
+    assert found["collapse_time"].ravel() == pytest.approx(want, rel=1e-5)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("strength", [180.0, 1.4e4])
 def test_exact_flight_ends_where_an_elastic_storey_falls(strength):
