@@ -9,6 +9,7 @@ from benchmarks.around import around
 from benchmarks.axes import AXES, relative_throughput
 from benchmarks.compiling import OUTPUTS, kernel, measure, over_plain, quickstart
 from benchmarks.sizes import plan_of, row_of, start_of
+from benchmarks.start import first_run_ratio
 from benchmarks.suite import SHORT_SIZES, SIZES, measure_sizes
 from benchmarks.tasks import task_overhead
 from benchmarks.timing import medians
@@ -33,6 +34,12 @@ def test_little_is_done_around_kernels(within):
         return run.outside / run.netcdf
 
     within(over_netcdf, 25.0)
+
+
+@pytest.mark.slow
+def test_the_first_run_with_an_accuracy_takes_little_longer(within):
+    """Kernels in double precision are compiled where a scenario needs one."""
+    within(first_run_ratio, 1.3)
 
 
 @pytest.mark.parametrize("axis", [name for name in AXES if name != "gap"])
