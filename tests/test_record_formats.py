@@ -470,6 +470,13 @@ def test_spectra_are_refused(tmp_path, head):
         refused(save(tmp_path, f"{head}\n{rows.replace(',', sign)}"), "holds a spectrum, not acceleration", units="g")
 
 
+def test_a_motion_that_begins_with_its_peak(tmp_path):
+    """A first value is a number of points only if it may be one."""
+    blow = [9.0, *(0.1 * value for value in VALUES * 10)]
+    assert read_record(save(tmp_path, "".join(f"{v}\n" for v in blow)), dt=0.01, units="m/s2").n_points == 71
+    refused(save(tmp_path, "".join(f"{v}\n" for v in (800.0, *blow))), "far above all others", dt=0.01, units="m/s2")
+
+
 def test_only_a_heading_of_time_gives_a_step(tmp_path):
     path = save(tmp_path, f"x,acc (g)\n{ROWS}")
     refused(path, "has no time step: its first column is headed 'x', not time; give dt=")

@@ -221,7 +221,7 @@ def _read_table(
             "or head the column 'time (s)'"
         )
     motions = np.abs(np.delete(values, [time] if time >= 0 else [], axis=1)).max(axis=1)
-    if len(motions) > 9 and motions[0] > 20.0 * motions[1:].max() > 0.0:
+    if 2.0 * motions[0] > len(motions) > 9 and motions[0] > 20.0 * motions[1:].max() > 0.0:
         raise RecordError(
             f"line {line}: its first values are far above all others; delete that row if it belongs to the header"
         )
