@@ -9,13 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 from kernels_used import own_law
 from scenes import OUTPUTS, call, motions, pair
 
 import pounding_sweep as ps
-from pounding_sweep.accuracy.law_check import check_law, solved_restitution
+from pounding_sweep.accuracy.law_check import LawCheck, check_law, solved_restitution
 from pounding_sweep.base.errors import InputError, LawError, SweepError
 from pounding_sweep.kernel.group import _FUNCTIONS
 from pounding_sweep.model import formula as formulas
@@ -338,6 +339,27 @@ def test_a_law_is_checked_by_kernels_solver_and_twin(key):
     wrong = replace(found, certificate=found.certificate.assign(solved=found.certificate.solved + 1e-5))
     assert len(wrong.faults) == 2
     assert "kernel and twin differ in fmax by 1.0e-03" in replace(found, twin={"fmax": 1e-3}).faults[0]
+
+
+@pytest.mark.parametrize(("measured", "said", "fault"), [(0.13, "", False), (0.2, "0.20", False), (0.82, "0.82", True)])
+def test_a_law_that_does_not_realise_the_restitution_is_told(measured, said, fault):
+    asked = {"law": ["x"], "basis": ["published"], "restitution": [0.1, 0.6]}
+    dims = tuple(asked)
+    table = xr.DataArray([[[measured, 0.61]]], asked, dims)
+    certificate = xr.Dataset({"measured": table, "solved": table, "analytic": table})
+    wording = f"does not realise the restitution: its damping number gives {said} where 0.1 is asked"
+    for checked in (
+        law(damper="c*d", damping="elastic", number="1 - e"),
+        LAWS["hertz_damped"],
+    ):  # of a user's own, and as published
+        check = LawCheck(checked, certificate, {"fmax": 0.0}, 3)
+        assert (wording in check.unrealised) == bool(said)
+        assert bool(check.faults) == (fault and checked.key not in LAWS)
+    assert (
+        not fault
+        or wording
+        in LawCheck(law(damper="c*d", damping="elastic", number="1 - e"), certificate, {"fmax": 0.0}, 3).faults[0]
+    )
 
 
 @pytest.mark.slow

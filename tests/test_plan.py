@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+import re
 from xml.etree import ElementTree
 
 import netCDF4
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 from scenes import OUTPUTS, make, motions, row
 
 import pounding_sweep as ps
+from pounding_sweep.cli.records import print_read, read_as
 from pounding_sweep.engine import compile
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
@@ -455,3 +457,17 @@ def test_a_run_is_timed_by_some_scenarios_of_each_law(monkeypatch):
     assert {*laws} == {"linear", "kelvin_voigt", "none"}
     monkeypatch.setattr(estimate, "missing_kernels", lambda shapes: (shapes, []))
     assert estimate.measured_seconds(plan) is None
+
+
+def test_a_plan_of_many_records_is_short(capsys):
+    """One line for records that were read alike, the range of their steps, and how many there are."""
+    records = [Record(f"r{i}", 0.01, np.sin(np.arange(100.0 + i))) for i in range(44)]
+    rows = dict(Sweep(row(), records, "linear", method="rk4", dt=0.005).plan().rows())
+    assert rows["steps"] == f"{99 * 2} to {142 * 2} (44 records) per scenario"
+    few = dict(Sweep(row(), records[:2], "linear", method="rk4", dt=0.005).plan().rows())
+    assert few["steps"] == "198 (r0), 200 (r1) per scenario"
+    print_read([read_as(record) for record in records], [], [])
+    (line,) = re.sub(r"\n +", " ", capsys.readouterr().out).splitlines()
+    assert line.startswith("44 records  r0 to r43: 100 to 143 points, dt 0.01 s, PGA 0.1")
+    print_read([read_as(record) for record in records[:3]], [], [])
+    assert capsys.readouterr().out.count(" points, dt 0.01 s") == 3

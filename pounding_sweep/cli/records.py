@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -40,8 +41,8 @@ _COLUMNS: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
     ("points", "points", str),
 )
 
-#: Records of a sweep that are listed, one line each.
-_LISTED = 20
+#: Lines on records of a sweep, and records of one set, folder or kind of file that have a line together.
+_LISTED, _ALIKE = 20, 4
 
 Column = Annotated[
     str | None,
@@ -109,17 +110,30 @@ def read_as(record: Record) -> dict[str, Any]:
 
 def print_read(rows: list[dict[str, Any]], missing: list[str], files: list[tuple[str, str]]) -> None:
     """Print what folders and patterns gave, and what was read of each record of a sweep; of very many the first."""
-    lines = list(files)
-    for row in rows[:_LISTED]:
-        scale = "" if row["scale"] == 1.0 else " (scaled by {scale:.4g})"
-        text = "{points} points, dt {dt:g} s, PGA {pga_g:.4g} g" + scale + "; {read}"
-        lines.append((row["name"], text.format(**row)))
-    if len(rows) > _LISTED:
-        lines.append(("...", f"and {len(rows) - _LISTED} more records; --json has all"))
+    lines, listed = list(files), 0
+    for _, group in itertools.groupby(rows, lambda row: (row["group"], row["read"])):
+        alike = list(group)
+        for part in [alike] if len(alike) >= _ALIKE else [[row] for row in alike]:
+            if len(lines) - len(files) < _LISTED:
+                lines.append(_line(part))
+                listed += len(part)
+    if len(rows) > listed:
+        lines.append(("...", f"and {len(rows) - listed} more records; --json has all"))
     if missing:
         lines.append(("left out", f"{', '.join(missing)}: no such record at hand"))
     print_pairs(lines)
-    print()
+
+
+def _line(rows: list[dict[str, Any]]) -> tuple[str, str]:
+    """Return the line of one record, or of several that were read alike, of which it has the ranges."""
+    points, dt, pga, scale = (
+        " to ".join(dict.fromkeys(format(end(row[key] for row in rows), form) for end in (min, max)))
+        for key, form in (("points", "d"), ("dt", "g"), ("pga_g", ".4g"), ("scale", ".4g"))
+    )
+    text = f"{points} points, dt {dt} s, PGA {pga} g{f' (scaled by {scale})' * (scale != '1')}; {rows[0]['read']}"
+    if len(rows) == 1:
+        return rows[0]["name"], text
+    return f"{len(rows)} records", f"{rows[0]['name']} to {rows[-1]['name']}: {text}"
 
 
 def _print(report: dict[str, Any]) -> None:

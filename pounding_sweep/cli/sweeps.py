@@ -168,8 +168,9 @@ def plan_command(options: SweepOptions, as_json: AsJson = False) -> None:
         print_json(report)
         return
     print(printable(str(sweep.spec.title or options.sweep)))
-    _print_description(report)
     print_pairs(plan.rows(report))
+    print()
+    _print_description(report)
 
 
 def _description(sweep: Sweep) -> dict[str, Any]:
@@ -205,6 +206,7 @@ def _print_run(report: dict[str, Any]) -> None:
     if not counts["usable"]:
         print(f"0 of {counts['asked']} scenarios usable: each ended with a status that says why, below\n")
     _print_description(report)
+    print()
     if report["summary"]:
         rows = []
         for row in report["summary"]:

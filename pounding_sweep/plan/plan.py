@@ -42,6 +42,8 @@ from pounding_sweep.spec.spec import DEFAULT_ACCURACY, SweepSpec, digest, with_a
 
 #: Storeys of a building up to which it may be taken for a chain of storeys unasked.
 _FEW_STOREYS = 3
+#: Records up to which a plan tells the steps of each.
+_FEW_RECORDS = 3
 #: Steps that most scenarios take in all, over those that they begin with.
 REFINED = 3
 #: Wanted duration of one chunk (s) by that estimate; never depends on the machine or the workers.
@@ -247,6 +249,9 @@ class Plan:
         axes = counts_text({name: len(values) for name, values in self.spec.axes.items()})
         ranges = {name: dict.fromkeys((plan["steps_least"][name], most)) for name, most in plan["steps"].items()}
         steps = ", ".join(f"{' to '.join(map(str, counts))} ({name})" for name, counts in ranges.items())
+        if len(ranges) > _FEW_RECORDS:
+            least, most = min(plan["steps_least"].values()), max(plan["steps"].values())
+            steps = f"{' to '.join(map(str, dict.fromkeys((least, most))))} ({len(ranges)} records)"
         missing = plan.get("kernels_to_compile")
         run = "under a second" if plan["seconds"] < 1.0 else f"about {seconds_text(plan['seconds'])}"
         kernels = "" if missing is None else f", {missing} to compile" if missing else ", all compiled"
