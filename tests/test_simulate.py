@@ -14,7 +14,7 @@ from kernels_used import LAW_OF, SIMULATED
 import pounding_sweep as ps
 from pounding_sweep.base.errors import InputError, PoundingSweepError, StabilityError
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.outputs.variables import DIMS, INTEGER_FILL, VARIABLES, Status
+from pounding_sweep.outputs.variables import DIMS, INTEGER_FILL, OUTPUT_NAMES, VARIABLES, Status
 from pounding_sweep.run.histories import HISTORIES, peaks_shown
 from pounding_sweep.run.simulate import NOT_OF_ONE
 from pounding_sweep.spec.spec import METHODS
@@ -163,7 +163,9 @@ def test_a_diverged_run_reports_no_finite_peak():
 def test_buildings_that_touch_at_rest(method, law):
     got = shake(law, with_gap(0.0), method=method)
     assert_finite(got)
-    assert int(got.status) in (Status.OK, Status.UNDER_RESOLVED_CONTACT)
+    settles = OUTPUT_NAMES[int(got.unsettled_output)] in ("none", "impact_count")  # which has no meaning here
+    assert settles
+    assert int(got.status) in (Status.OK, Status.UNDER_RESOLVED_CONTACT, Status.UNSETTLED)
     assert int(got.impact_count.min()) >= 1
     assert float(got.impact_force_max.max()) < 1e5
     assert float(got.energy_residual) < 0.02

@@ -23,6 +23,7 @@ from pounding_sweep.output.describe import describe
 from pounding_sweep.output.netcdf import write_cube
 from pounding_sweep.outputs.variables import VARIABLES
 from pounding_sweep.run.execute import Progress
+from pounding_sweep.schemes import SCHEMES, reference_scheme
 
 pytestmark = pytest.mark.usefixtures("stub_by_day")
 
@@ -109,6 +110,29 @@ def test_errors_are_those_against_the_oracle(trade, oracle, method, located, dt)
             assert error <= 2.0 * claimed + floor, (name, case)
             compared += claimed > 10.0 * floor
     assert compared >= len(oracle)
+
+
+@pytest.mark.parametrize(("gap", "scheme"), [(0.0, "exact"), (1e-6, "rk4")])
+def test_floors_at_rest_have_an_exact_reference(gap, scheme):
+    assert reference_scheme(SCENE, np.array([[0.01], [gap]])) == scheme
+    smooth = ps.Building("a", [120.0], [1e4], yield_strengths=[50.0], bouc_wen={"n": 1.0})
+    beside = ps.Scene([smooth, ps.Building("b", [80.0], [2e4])], [0.0])
+    assert (reference_scheme(beside, np.zeros((1, 1))) == "exact") == (SCHEMES["exact"].refuses(beside) is None)
+
+
+@pytest.mark.slow
+def test_errors_of_floors_at_rest_are_those_beside_exact_flight():
+    """Three buildings at a gap of 0 magnify the error of any step of RK4; the reference tells how well it is known."""
+    row = [ps.Building(n, [100.0 + 20.0 * i], [1e4 * (1.0 + i)]) for i, n in enumerate("abc")]
+    scene = ps.Scene(row, [0.0, 0.0], ps.ContactProperties(linear_stiffness=8e5))
+    sweep = ps.Sweep(scene, ps.synthetic_record(7, duration=20.0, pga=3.0), "linear", outputs=OUTPUTS)
+    trade = tradeoff(sweep, methods=["rk4", "exact"], steps=[2e-3, 5e-4], precisions=["float64"], scenarios=1)
+    assert trade.attrs["reference"].startswith("exact")
+    force = trade.sel(output="impact_force_max", population="all", statistic="worst", precision="float64", located=1)
+    known = float(force.reference_error)
+    assert 0.0 < known < 1e-4
+    assert float(force.error.sel(scheme="rk4").max()) > 100.0 * known
+    assert float(force.error.sel(scheme="exact").max()) <= 10.0 * known
 
 
 @pytest.mark.slow

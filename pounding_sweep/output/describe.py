@@ -130,10 +130,10 @@ def statuses(status: Any, unsettled_output: Any = ()) -> list[dict[str, Any]]:
     codes, times = np.unique(status, return_counts=True)
     counts = dict(zip(codes.tolist(), times.tolist(), strict=True))
     codes, times = np.unique(np.asarray(unsettled_output, int), return_counts=True)
-    named = ", ".join(f"{OUTPUT_NAMES[code]} ({n})" for code, n in zip(codes, times, strict=True) if code)
-    means = {s: s.meaning + (f", by {named}" if named and s == Status.UNSETTLED else "") for s in STATUS}
+    named = "".join(f", {OUTPUT_NAMES[code]} ({n})" for code, n in zip(codes, times, strict=True) if code)
     return [
-        {"status": int(s), "label": s.label, "count": counts[s], "meaning": means[s], "remedy": s.remedy}
+        {"status": int(s), "label": s.label, "count": counts[s], "meaning": s.meaning, "remedy": s.remedy}
+        | ({"meaning": s.meaning + named} if s == Status.UNSETTLED else {})
         for s in STATUS
         if s in counts
     ]

@@ -14,7 +14,6 @@ from datetime import UTC, datetime
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -34,7 +33,7 @@ from pounding_sweep.output.dataset import (
 )
 from pounding_sweep.output.netcdf import Slab, check_output, check_space, open_cube, reading, write_in_slabs
 from pounding_sweep.output.scenario_rows import BUILDING_DEFAULTS, cube_columns, number_runs, scenario_keys
-from pounding_sweep.outputs.variables import INNER_DIMS, ORIGINS, VARIABLES, Status
+from pounding_sweep.outputs.variables import INNER_DIMS, NEVER_TOUCHES, NOT_RUN, VARIABLES, Status
 from pounding_sweep.spec.design import BLOCK, SAMPLE
 
 #: Cubes by the name of their file.
@@ -177,10 +176,10 @@ def merge_cubes(
         check_space(target.parent, n_bytes, f"the cube of {result.scenarios:,} scenarios")
         _merge_audits(cube, parts)
         whole = tuple(slice(0, size) for size in sizes)
-        runs = _merge_slab(_with_equal_runs(parts, sweeps), axes, labels, tolerance, Merged(target, 0), whole)
+        runs = _merge_slab(_with_equal_runs(parts, sweeps), axes, labels, tolerance, Merged(target, 0), {}, whole)
         origins = dict(zip(_OF_CUBE, number_runs(runs["origin"], runs["run"]), strict=True))
         parts = {file: part.drop_vars(_OF_CUBE) for file, part in parts.items()}
-        slab_of = partial(_merge_slab, parts, axes, labels, tolerance, result, of_cube=origins)
+        slab_of = partial(_merge_slab, parts, axes, labels, tolerance, result, origins)
         write_in_slabs(cube, target, slab_of, overwrite=overwrite)
     return result
 
@@ -410,8 +409,8 @@ def _merge_slab(
     labels: Mapping[str, xr.Variable],
     tolerance: float,
     result: Merged,
+    of_cube: Mapping[str, np.ndarray],
     slab: Slab,
-    of_cube: Mapping[str, np.ndarray] = MappingProxyType({}),
 ) -> dict[str, np.ndarray]:
     """Return the values of all parts in a slab as they are stored; raises `InputError` if some are in conflict."""
     files, conflicts, n_conflicts = list(parts), list[str](), 0
@@ -465,7 +464,7 @@ def _with_equal_runs(parts: Parts, sweeps: Sweeps) -> Parts:
         _, first, number = np.unique(cube["run"], return_index=True, return_inverse=True)
         places = zip(cube["run"].dims, np.unravel_index(first, cube["run"].shape), strict=True)
         one = cube.isel({dim: ("each", place) for dim, place in places})
-        law = one["law"].where(one["origin"] != ORIGINS.index("never_touches"), "none")
+        law = one["law"].where(one["origin"] != NEVER_TOUCHES, "none")
         result[file] = cube.assign(run=cube["run"].copy(data=number.reshape(cube["run"].shape) + sum(map(len, keys))))
         keys.append(scenario_keys(cube_columns(one.assign_coords(law=law), sweep, ["each"])))
     numbers = np.unique(np.concatenate(keys), return_inverse=True)[1].astype(np.int32)
@@ -478,7 +477,7 @@ def _read_part(file: str, part: xr.Dataset, along: Mapping[str, list[Any]]) -> d
     chosen = {dim: np.flatnonzero(part.indexes[dim].isin(values)) for dim, values in along.items()}
     with reading(file):
         read = part[names].reset_coords(drop=True).isel(chosen).load()
-    missing = {"status": int(Status.NOT_RUN), "origin": ORIGINS.index("not_run")}
+    missing = {"status": int(Status.NOT_RUN), "origin": NOT_RUN}
     missing = {name: missing.get(name, 0) for name in names if VARIABLES[name].fill is None}
     read = read.reindex(along, fill_value=missing)
     dims = {name: (*along, *VARIABLES[name].dims) for name in names}

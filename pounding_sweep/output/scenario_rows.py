@@ -12,7 +12,7 @@ import numpy as np
 from pounding_sweep.model.laws import LAWS, Law
 from pounding_sweep.output.dataset import as_stored
 from pounding_sweep.output.netcdf import reading
-from pounding_sweep.outputs.variables import ORIGINS, VARIABLES
+from pounding_sweep.outputs.variables import COPY, NOT_RUN, VARIABLES
 from pounding_sweep.spec.axes import axes_of
 from pounding_sweep.spec.spec import scene_of
 
@@ -64,11 +64,11 @@ def places_of(wanted: np.ndarray, rising: np.ndarray) -> np.ndarray:
 def number_runs(origin: np.ndarray, run: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return ``origin`` and ``run`` of scenarios, by what tells runs apart: numbers from 1, the first is no copy."""
     origin, numbers = origin.copy(), np.zeros(run.shape, np.int32)
-    answered, own = (np.flatnonzero(origin != ORIGINS.index("not_run")), np.flatnonzero(origin <= 1))
+    answered, own = (np.flatnonzero(origin != NOT_RUN), np.flatnonzero(origin <= COPY))
     _, first, index = np.unique(run.flat[answered], return_index=True, return_inverse=True)
     numbers.flat[answered] = 1 + np.argsort(np.argsort(first))[index]
-    origin.flat[own] = ORIGINS.index("equal")
-    origin.flat[own[np.unique(run.flat[own], return_index=True)[1]]] = ORIGINS.index("run")
+    origin.flat[own] = COPY
+    origin.flat[own[np.unique(run.flat[own], return_index=True)[1]]] = 0
     return origin, numbers
 
 

@@ -281,6 +281,7 @@ class Status(IntEnum):
 STATUS: tuple[Status, ...] = tuple(Status)
 #: Where the result of a scenario is from, by the value of ``origin``.
 ORIGINS = ("run", "equal", "never_touches", "not_run")
+COPY, NEVER_TOUCHES, NOT_RUN = 1, 2, 3
 #: Those of scenarios that have values.
 WITH_VALUES = [int(status) for status in STATUS if status.has_values]
 #: Those of scenarios whose values are right, up to their fall if they end by one.
@@ -716,6 +717,8 @@ DEFAULT_OUTPUTS: tuple[str, ...] = tuple(name for name, variable in VARIABLES.it
 CLASSES: dict[str, tuple[str, ...]] = {
     kind: tuple(name for name, variable in VARIABLES.items() if variable.error == kind) for kind in ERROR_CLASSES
 }
+#: Outputs that decide whether floors that rest on each other settle; the first impact is at once.
+AT_REST = {*CLASSES["motions"], *CLASSES["contacts"]} - {"first_impact_time"}
 
 
 def get_variable(name: str) -> Variable:

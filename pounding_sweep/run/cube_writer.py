@@ -11,7 +11,7 @@ from pounding_sweep.output.dataset import CubeParts, as_read, label, unfilled
 from pounding_sweep.output.labels import global_attributes, scenario_axes
 from pounding_sweep.output.netcdf import Slab
 from pounding_sweep.output.scenario_rows import number_runs
-from pounding_sweep.outputs.variables import ORIGINS, Status, inner_shape, mask_invalid
+from pounding_sweep.outputs.variables import NEVER_TOUCHES, NOT_RUN, Status, inner_shape, mask_invalid
 from pounding_sweep.resume import parts_folder
 from pounding_sweep.run.audit import Audit, add_to_cube
 
@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 def origins(plan: Plan, outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
     """Return ``origin`` and ``run`` of each scenario of the cube."""
     has_result = ~np.isin(outcome.results.status, [Status.NOT_RUN, Status.BEYOND_STABILITY_LIMIT])
-    untouched = outcome.left_out & ~plan.no_contact
-    origin = np.select([~has_result, untouched], [ORIGINS.index("not_run"), ORIGINS.index("never_touches")], 0)
+    origin = np.select([~has_result, outcome.left_out & ~plan.no_contact], [NOT_RUN, NEVER_TOUCHES], 0)
     # a unique scenario runs itself, or is answered by its run without pounding
     run = np.where(outcome.left_out, -1 - plan.uncoupled_of, np.arange(len(plan.unique)))
     return number_runs(origin.astype(np.int8)[plan.inverse], run.astype(np.int32)[plan.inverse])

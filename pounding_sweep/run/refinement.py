@@ -18,7 +18,16 @@ import numpy as np
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import history_slots
-from pounding_sweep.outputs.variables import CHANGE, OUTPUT_NAMES, SETTLED, VALID, Status, comparable, relative_errors
+from pounding_sweep.outputs.variables import (
+    AT_REST,
+    CHANGE,
+    OUTPUT_NAMES,
+    SETTLED,
+    VALID,
+    Status,
+    comparable,
+    relative_errors,
+)
 from pounding_sweep.plan.advice import ORDERLY, rounding
 from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, changed
 from pounding_sweep.records import Record
@@ -102,10 +111,9 @@ def run_once(task: ChunkTask) -> Values:
 def differences(outputs: Sequence[str], coarse: Values, fine: Values, leeway: float | np.ndarray = 1.0) -> np.ndarray:
     """Relative differences of outputs between two runs, shape (n, outputs); infinite where one has no values."""
     lost = (coarse["status"] == Status.DIVERGED) | (fine["status"] == Status.DIVERGED)
-    errors = np.zeros((len(lost), len(outputs)))
-    for i, (name, error) in enumerate(relative_errors(outputs, coarse, fine).items()):
-        errors[:, i] = error / (leeway if fine[name].dtype.kind == "f" else 1.0)  # a part of what varies smoothly
-    return np.where(lost[:, None], np.inf, errors)
+    errors = np.reshape([*relative_errors(outputs, coarse, fine).values()], (len(outputs), len(lost))).T
+    counts = [fine[name].dtype.kind == "i" for name in outputs]
+    return np.where(lost[:, None], np.inf, errors / np.where(counts, 1.0, leeway))  # a part of what varies smoothly
 
 
 def mark_unsettled(result: Values, outputs: Sequence[str], errors: np.ndarray, accuracy: float) -> None:
@@ -144,7 +152,7 @@ def _run_refined(task: ChunkTask, accuracy: float) -> Values:
             coarse = run_once(task._replace(table=apart(task.kernel, table, fine)))
         impacts = fine.get("impact_count", np.zeros((len(rows), 1))).reshape(len(rows), -1).max(axis=1, initial=0)
         allowed = accuracy / np.maximum(1.0, impacts / GRAZES)
-        errors[rows] = differences(outputs, coarse, fine, leeway(kernel, accuracy, allowed))
+        errors[rows] = differences(outputs, coarse, fine, leeway(kernel, accuracy, allowed).reshape(-1, 1))
         rest = (errors[rows].max(axis=1, initial=0.0) > allowed) | ~np.isin(fine["status"], VALID)
         if len(rows) == len(table):
             result = fine
@@ -163,15 +171,17 @@ def run_scenarios(task: ChunkTask) -> Values:
     kernel, record, table, *_ = task
     if kernel.accuracy is not None:
         return _run_refined(task, kernel.accuracy)
-    result, outputs = _run(task), comparable(task.outputs)
-    # floors that rest on each other magnify errors by any factor: either run errs as much as the other
+    result, outputs, is_asked = _run(task), comparable(task.outputs), "error_estimate" in task.outputs
     least = -np.inf if kernel.numerics.scheme.flies_exactly else kernel.law.thickness
     resting = np.asarray((table.gaps <= least).any(axis=1))
-    rows = np.flatnonzero(resting | ("error_estimate" in task.outputs))
+    rows = np.flatnonzero(resting | is_asked)
     if len(rows):
         coarse, errors = {name: values[rows] for name, values in result.items()}, np.zeros((len(table), len(outputs)))
         part = task.part(rows)._replace(kernel=halved(kernel, record))
         fine = run_once(part._replace(table=apart(kernel, part.table, coarse)))
-        errors[rows] = differences(outputs, coarse, fine, np.where(resting[rows], ROUNDS, 1.0))
+        # floors that rest on each other magnify errors by any factor: either run errs as much as the other
+        judged = [name in AT_REST for name in outputs]
+        divisors = np.where(resting[rows, None] & judged, ROUNDS, 1.0 if is_asked else np.inf)
+        errors[rows] = differences(outputs, coarse, fine, divisors)
         mark_unsettled(result, outputs, errors, SETTLED)
     return result
