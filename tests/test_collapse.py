@@ -9,10 +9,11 @@ import pytest
 from analysis_cubes import hand_cube
 
 import pounding_sweep as ps
-from pounding_sweep.analysis import fractiles, fragility, incremental_curves
+from pounding_sweep.analysis import fractiles, fragility, incremental
 from pounding_sweep.analysis.comparisons.fragility import FitStatus, sentence
 from pounding_sweep.analysis.exchange import export_pelicun
 from pounding_sweep.analysis.scenarios import values
+from pounding_sweep.figures.gallery import cubes as drawn
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.run.refinement import differences
 
@@ -74,7 +75,7 @@ def test_fractiles_and_curves_end_where_half_have_fallen(cube):
     np.testing.assert_allclose(drift.sel(scale=[1.0, 2.0]), 3 * [[0.01, 0.02]])
     np.testing.assert_array_equal(drift.sel(scale=3.0), [0.03, np.inf, np.inf])
     np.testing.assert_array_equal(drift.sel(scale=4.0), np.inf)
-    curves = incremental_curves(cube, levels=[1.5, 2.5, 3.0, 4.0], quantiles=[0.5])
+    curves = incremental(cube, levels=[1.5, 2.5, 3.0, 4.0], quantiles=[0.5])
     np.testing.assert_allclose(
         curves.drift_max_fractiles.sel(building="a", storey=2).squeeze(), [0.015, np.inf, np.inf, np.inf]
     )
@@ -106,7 +107,7 @@ def test_two_runs_that_fall_agree_by_time_storey_and_what_came_before():
     other = {name: each.copy() for name, each in run.items()}
     other["collapse_time"][:] = [[4.0], [4.04], [4.0], [4.0]]
     other["collapsed_storey"][:] = [[1], [1], [2], [1]]
-    np.testing.assert_allclose(differences(names, run, other), [0.0, 0.04 / 4.04, 0.5, np.inf])
+    np.testing.assert_allclose(differences(names, run, other).max(axis=1), [0.0, 0.04 / 4.04, 0.5, np.inf])
 
 
 @pytest.mark.slow
@@ -129,3 +130,13 @@ def test_fragility_of_a_row_that_falls(tmp_path):
             assert (round(fit["median"].item(), 3), round(fit["dispersion"].item(), 3)) == (median, dispersion)
     assert float(cube.error_estimate.max()) <= 1e-3
     assert float(cube.time_step.min()) >= 1e-3
+
+
+def test_ida_curves_are_flat_from_where_the_building_falls(cube):
+    ax = drawn.incremental(cube, value="drift_max").axes[0]
+    assert ax.get_title().endswith("building a")
+    assert ax.get_xlim() == pytest.approx((0.0, 1.05 * 30.0))  # mm, of what stands
+    (x, y) = next(line.get_data() for line in ax.lines if line.get_label() == "median")
+    beyond = np.flatnonzero(x > 1e3)[0]
+    slope = np.diff(y)[beyond - 1] / np.diff(x)[beyond - 1]
+    assert abs(slope) * 31.5 < 1e-6

@@ -650,18 +650,8 @@ def _draw_fit(ax: Any, part: xr.Dataset, names: Any, style: dict[str, Any], mark
     ax.plot(*([values[group].mean() for group in groups if group.size] for values in (x, happened)), **mark)
 
 
-#: How far a flat line goes, over the largest response before it.
-_FAR = 1e4
-
-
-def _flat(curve: xr.DataArray, at: xr.DataArray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a response and its intensities, flat from where a building falls on, as the response is infinite."""
-    order = np.argsort(np.abs(at.values), kind="stable")
-    x, y = curve.values[order], at.values[order]
-    if (falls := np.flatnonzero(np.isinf(x))).size:
-        x, y = x[: falls[0] + 1], y[: falls[0] + 1]
-        x[-1], y[-1] = _FAR * np.nanmax(x[:-1], initial=1e-9), y[max(falls[0] - 1, 0)]
-    return x, y
+#: What stands for infinity (in the axis' unit): where a building falls, the line to it is flat.
+_FAR = 1e9
 
 
 @figure_of("incremental", "cube", f"several {'|'.join(MOTION_DIMS[1:])}")
@@ -690,20 +680,21 @@ def incremental(cube: xr.Dataset, *, value: str | None = None, turn: bool = Fals
     axes = subplots(len(laws), response.sizes[per], (1.6, 2.6, below, 2.2), sharex=shared[0], sharey=shared[1])
     thin = {"color": "0.7", "linewidth": 0.8} if curves > 1 else {"color": COLOURS[0]}
     records = [*zip(result["record"].values.tolist(), cycle(_NAMED_LINES if names else [thin]), strict=False)]
-    for ax, part in panels(axes, xr.Dataset({"curve": response, "count": count, "fractile": fractiles}), "law", per):
+    lines = xr.Dataset({"curve": response, "count": count, "fractile": fractiles})
+    for ax, part in panels(axes, lines.where(~np.isinf(lines), _FAR), "law", per):
         for (record, look), way in product(records, ways):
-            curve = [values.sel(record=record)[way] for values in (part["curve"], result["intensity"])]
+            curve = part["curve"].sel(record=record), result["intensity"].sel(record=record)
             look |= {"label": record_name(record) if names else "record", "marker": "" if len(way) > 1 else "."}
-            ax.plot(*_flat(*curve)[:: -1 if turn else 1], **look)
+            ax.plot(*(values[way] for values in curve[:: -1 if turn else 1]), **look)
         for q, dashes in zip(quantiles, _DASHES, strict=False):
             drawn = part["fractile"].sel(quantile=q).where(part["count"] >= needed[q]), part["level"]
             look = {"label": "median"} if q == 0.5 else {"label": f"{q:.0%} fractile", "linestyle": dashes}
             if most >= needed[q]:
-                ax.plot(*_flat(*drawn)[:: -1 if turn else 1], color="black", linewidth=1.8, **look)
+                ax.plot(*drawn[:: -1 if turn else 1], color="black", linewidth=1.8, **look)
     intensity = _scale_intensities(axes[0, 0].xaxis if turn else axes[0, 0].yaxis, result)  # shared by all
-    largest = response.where(np.isfinite(response)).max([dim for dim in response.dims if dim != per]).values
-    for ax, most_of_it in zip(axes[0], np.atleast_1d(largest), strict=True) if response.min() >= 0.0 else ():
-        ax.set(**{"ylim" if turn else "xlim": (0.0, 1.05 * most_of_it if np.isinf(response).any() else None)})
+    ends = response.where(np.isfinite(response)).max([dim for dim in response.dims if dim != per]) * 1.05
+    for ax, end in zip(axes[0], np.atleast_1d(ends), strict=True) if response.min() >= 0.0 else ():
+        ax.set(**{"ylim" if turn else "xlim": (0.0, end if np.isinf(response).any() else None)})
     storeys = "largest of the storeys" * (result[name].sizes.get("storey", 1) > 1)
     short = [q for q in quantiles if (count < needed[q]).any()]
     words, numbers = ", ".join(f"{q:.0%}" for q in short), ", ".join(f"{math.ceil(needed[q])}" for q in short)
