@@ -65,23 +65,19 @@ class LawCheck:
             (0.0 if self.impacts else 1.0, 0.0, "the scene of the twin had no impact"),
         ]
         faults = [text.format(off) for off, most, text in checks if not off <= most]
-        return faults + [self.unrealised] * (self.law.key not in LAWS and self._furthest[0] > FAR)
+        off, text = self.missed
+        return faults + [text] * (self.law.key not in LAWS and off > FAR)
 
     @property
-    def unrealised(self) -> str:
-        """What the damping number gives where it is furthest from the restitution that is asked; "" if it is near."""
-        off, asked, given = self._furthest
+    def missed(self) -> tuple[float, str]:
+        """The largest difference to the restitution that is asked for, and a text on it; "" if it is small."""
+        table = self.certificate.measured.squeeze("law").dropna("restitution", how="all")
+        pairs = [(float(e), float(m)) for e, row in zip(table.restitution, table.T, strict=True) for m in row]
+        off, asked, given = max((abs(m - e), e, m) for e, m in pairs if math.isfinite(m))
         text = (
             f"the law does not realise the restitution: its damping number gives {given:.2f} where {asked:g} is asked"
         )
-        return text if off > NEAR else ""
-
-    @property
-    def _furthest(self) -> tuple[float, float, float]:
-        """Return the largest difference to the restitution that is asked for, that one, and what is given instead."""
-        measured = self.certificate.measured.squeeze("law").dropna("restitution", how="all")
-        pairs = [(float(e), float(m)) for e, row in zip(measured.restitution, measured.T, strict=True) for m in row]
-        return max((abs(m - e), e, m) for e, m in pairs if math.isfinite(m))
+        return off, text if off > NEAR else ""
 
 
 def check_law(

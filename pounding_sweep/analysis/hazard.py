@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.analysis.scenarios import numbers_in
-from pounding_sweep.base.errors import InputError, checked_arguments
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.files import FilePath, expanded
 from pounding_sweep.records import UNITS
 from pounding_sweep.records.reader import match_unit
@@ -159,9 +159,6 @@ class Hazard:
         with np.errstate(divide="ignore", invalid="ignore"):
             share = log_normal_share((bottom - shifted) / beta, (top - shifted) / beta)
             return np.exp(at - k * (mu - base) + 0.5 * (k * beta) ** 2 + share)
-
-
-Hazard.__init__ = checked_arguments(Hazard.__init__)  # type: ignore[method-assign]
 
 
 def log_normal_share(low: np.ndarray, high: np.ndarray) -> np.ndarray:

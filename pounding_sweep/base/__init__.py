@@ -16,12 +16,13 @@ STANDARD_GRAVITY = 9.81
 def attribute(package: str, home: Mapping[str, str], name: str) -> Any:
     """Return a name of a package: its module-level ``__getattr__`` (PEP 562), so that importing it is fast.
 
-    Functions check the names and kinds of their arguments from then on.
+    Functions, and classes that are made or run, check the names and kinds of their arguments from then on.
     """
     if name in home:
         value = getattr(module := import_module(home[name]), name)
-        if isfunction(value) and not hasattr(value, "__wrapped__"):
-            value = checked_arguments(value)
-            setattr(module, name, value)  # the same object everywhere, as pickle asks
-        return value
+        for owner, part in ((module, name), (value, "__init__"), (value, "run")):
+            function = getattr(owner, part, None)
+            if isfunction(function) and not hasattr(function, "__wrapped__"):
+                setattr(owner, part, checked_arguments(function))  # the same object everywhere, as pickle asks
+        return getattr(module, name)
     raise AttributeError(f"module {package!r} has no attribute {name!r}")

@@ -129,6 +129,18 @@ def number_text(value: float | None) -> str:
     return f"{value:.3g}"
 
 
+def comma_hint(values: Sequence[Any]) -> str:
+    """Say that values are decimals that were written with commas, if they look so; else ""."""
+    whole = all(isinstance(number, int | float) and number >= 0 and number % 1 == 0 for number in values)
+    if len(values) < 4 or len(values) % 2 or not whole:
+        return ""
+    decimals = [f"{a:.0f}.{b:.0f}" for a, b in zip(values[::2], values[1::2], strict=True)]
+    rising = [*map(float, decimals)]
+    if rising != sorted({*rising}) or list(values) == sorted(values):
+        return ""
+    return f"decimals have a point: give [{', '.join(decimals)}], if these were meant"
+
+
 def read_share(value: Any) -> float:
     """Return a number, from a text too, which may be in per cent: 0.01 of "1%"; raises `InputError` if it is none."""
     text = value if isinstance(value, str) else ""

@@ -15,13 +15,14 @@ import numpy as np
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import repr_short
 from pounding_sweep.base.files import read_data
+from pounding_sweep.base.text import comma_hint
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.presets import PRESETS
-from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.scene import Building
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.plan.scenarios import requested_scenarios
 from pounding_sweep.records import UNITS, Record, record_measures
-from pounding_sweep.spec.axes import AXES, comma_hint
+from pounding_sweep.spec.axes import AXES
 from pounding_sweep.spec.spec import SweepSpec
 
 #: Factors that turn g, m/s2 or cm/s2 into another unit, which records as they are read do not need.
@@ -101,8 +102,8 @@ def doubts(spec: SweepSpec) -> list[str]:
             shares = zip(storeys, building.lateral_stiffnesses, building.geometric_stiffnesses, strict=True)
             check("stability", [(at, g / (k / p**2 + g)) for at, k, g in shares])
         carried = np.cumsum(building.masses[::-1])[::-1] * STANDARD_GRAVITY
-        ratios = np.divide(building.yield_strengths or np.inf, carried).tolist()
-        check("strength", [named for named in zip(storeys, ratios, strict=True) if math.isfinite(named[1])])
+        over = np.divide(building.yield_strengths or np.inf, carried).tolist()
+        check("strength", [named for named in zip(storeys, over, strict=True) if math.isfinite(named[1])])
         texts += _weight_like(building)
         check("period", [(name, p * float(building.periods[0])) for p in periods])
         check("damping", [(name, z) for z in (spec.damping_ratios or np.atleast_1d(building.damping_ratio).tolist())])
@@ -122,19 +123,17 @@ def doubts(spec: SweepSpec) -> list[str]:
     for kind, power in (("linear_stiffness", 1.0), ("hertz_stiffness", 1.5)):
         check(kind, [("", k) for k in dict.fromkeys(stiffness[exponent == power].tolist())])
     if bare.any() and not any(scene.row == preset.scene.row for preset in PRESETS.values()):
-        softest = float(stiffness[bare].min())
-        check("contact", [(pair, softest / storey) for pair, storey in _softest_struck(scene).items()])
+        softest, below = float(stiffness[bare].min()), np.concatenate([b.stiffnesses for b in scene.buildings])
+        ratios: dict[str, float] = {}  # of floors that meet without bumpers, walls left out
+        for contact, bumper in zip(scene.contacts, scene.bumper_of, strict=True):
+            if bumper is None and min(contact.left, contact.right) >= 0:
+                name, ratio = (
+                    scene.pair_names[contact.pair],
+                    float(softest / below[[contact.left, contact.right]].min()),
+                )
+                ratios[name] = max(ratio, ratios.get(name, 0.0))
+        check("contact", ratios.items())
     return texts
-
-
-def _softest_struck(scene: Scene) -> dict[str, float]:
-    """Return the stiffness (kN/m) of the softest storey below floors that meet without bumpers, by pair."""
-    stiffnesses, softest = np.concatenate([building.stiffnesses for building in scene.buildings]), dict[str, float]()
-    for contact, bumper in zip(scene.contacts, scene.bumper_of, strict=True):
-        if bumper is None and min(contact.left, contact.right) >= 0:  # not of a wall
-            name, struck = scene.pair_names[contact.pair], stiffnesses[[contact.left, contact.right]].min()
-            softest[name] = min(float(struck), softest.get(name, math.inf))
-    return softest
 
 
 def record_doubts(record: Record) -> list[str]:

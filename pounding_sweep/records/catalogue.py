@@ -16,13 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pounding_sweep.base import STANDARD_GRAVITY
-from pounding_sweep.base.errors import (
-    MissingRecordError,
-    RecordError,
-    check_choice,
-    repr_short,
-    unknown,
-)
+from pounding_sweep.base.errors import MissingRecordError, RecordError, check_choice, repr_short, unknown
 from pounding_sweep.base.files import FilePath, expanded, near_file, read_data
 from pounding_sweep.base.text import printable
 from pounding_sweep.records.formats import RECORD_SUFFIXES, read_record

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pounding_sweep.base import STANDARD_GRAVITY
-from pounding_sweep.base.errors import RecordError, checked_arguments, repr_short
+from pounding_sweep.base.errors import RecordError, repr_short
 from pounding_sweep.base.text import label_fault, printable
 
 if TYPE_CHECKING:
@@ -179,9 +179,6 @@ class Record:
     def renamed(self, name: str) -> Record:
         """Give the same motion another name; raises `RecordError` if that is no label."""
         return replace(self, name=name)
-
-
-Record.__init__ = checked_arguments(Record.__init__)  # type: ignore[method-assign]
 
 
 @dataclass(frozen=True)

@@ -12,15 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import (
-    RecordError,
-    RunError,
-    SweepError,
-    UnlikelyWarning,
-    WriteError,
-    checked_arguments,
-    repr_short,
-)
+from pounding_sweep.base.errors import RecordError, RunError, SweepError, UnlikelyWarning, WriteError, repr_short
 from pounding_sweep.base.files import FilePath, failure, replacing
 from pounding_sweep.base.text import counts_text, html_table
 from pounding_sweep.records import find_record
@@ -73,7 +65,6 @@ class Sweep:
     4
     """
 
-    @checked_arguments
     def __init__(
         self,
         scene: Scene | str,
@@ -134,7 +125,6 @@ class Sweep:
         check_memory(self.spec.n_scenarios, PLAN_BYTES, "planning", "take fewer values on an axis")
         return make_plan(self.spec)
 
-    @checked_arguments
     def to_toml(self, path: FilePath, *, overwrite: bool = False) -> Path:
         """Write the sweep as a sweep file, from which `load_sweep` reads an equal one.
 
@@ -188,7 +178,6 @@ class Sweep:
             raise SweepError(f"{str(target)!r} lists the cases of a design, which is not written; give it by hand")
         return target
 
-    @checked_arguments
     def run(
         self,
         out: FilePath | None = None,

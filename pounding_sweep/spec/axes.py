@@ -18,7 +18,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from pounding_sweep.base.errors import Fault, LawError, SceneError, SweepError
-from pounding_sweep.model.faults import Finite, Integer, checked, is_number, number_check, one_of
+from pounding_sweep.model.faults import Finite, Integer, checked, number_check, one_of
 from pounding_sweep.model.laws import Law, get_law, realised_validity
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.records import Record
@@ -159,17 +159,6 @@ def _need_strengths(scene: Scene, names: Sequence[str], _records: Sequence[Recor
     for building in scene.buildings:
         if building.name in names and building.yield_strengths is None:
             yield (building.name,), f"building {building.name!r} has no yield_strengths; give them, or leave it out"
-
-
-def comma_hint(values: Sequence[Any]) -> str:
-    """Say that values are decimals that were written with commas, if they look so; else ""."""
-    if len(values) < 4 or len(values) % 2 or not all(is_number(n) and n >= 0 and n % 1 == 0 for n in values):
-        return ""
-    decimals = [f"{a:.0f}.{b:.0f}" for a, b in zip(values[::2], values[1::2], strict=True)]
-    rising = [*map(float, decimals)]
-    if rising != sorted({*rising}) or list(values) == sorted(values):
-        return ""
-    return f"decimals have a point: give [{', '.join(decimals)}], if these were meant"
 
 
 #: Factors on a period or on masses: beyond them nothing is a building, and numbers run out of range.

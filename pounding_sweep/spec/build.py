@@ -31,7 +31,7 @@ from pounding_sweep.base.errors import (
     unknown,
 )
 from pounding_sweep.base.files import expanded
-from pounding_sweep.base.text import LONGEST_TITLE, label_fault
+from pounding_sweep.base.text import LONGEST_TITLE, comma_hint, label_fault
 from pounding_sweep.model.faults import (
     Faults,
     Flag,
@@ -64,18 +64,7 @@ from pounding_sweep.records import (
 )
 from pounding_sweep.records.catalogue import Folders, read_files
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.axes import (
-    AXES,
-    COLUMNS,
-    FACTOR_KINDS,
-    MAX_AXIS,
-    Axis,
-    AxisValues,
-    Case,
-    Range,
-    by_exponent,
-    comma_hint,
-)
+from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, MAX_AXIS, Axis, AxisValues, Case, Range, by_exponent
 from pounding_sweep.spec.design import RECORD, Design, DesignTable, Target, named_inputs, product_cases
 from pounding_sweep.spec.spec import (
     ACCURACY_RANGE,
