@@ -89,7 +89,7 @@ def simulate(
         where storeys yield ``storey_drift``, ``plastic_drift`` (m), ``storey_shear`` (kN) and ``hysteretic`` (kN m);
         where neighbours are linked ``link_force`` (kN) and ``given_to_links`` (kN m); of foundations
         ``foundation_sway`` (m) and ``foundation_rotation`` (rad); beside them every variable of a cube that the row
-        can have. The attribute ``scene`` holds the row as JSON.
+        can have. The attribute ``scene`` holds the row as JSON. Histories end where a storey falls.
 
     Raises
     ------
