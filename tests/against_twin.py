@@ -84,7 +84,7 @@ def _truth(scene, law, points, scale, stop):
 
 
 def simulate(scene, law, points=101, scale=1.5, **options):
-    return ps.simulate(scene, motion(points, scale), law=law, **options)
+    return ps.simulate(scene, motion(points, scale), law=law, **{"rest": 0.0, **options})
 
 
 FLOOR, CONTACT = (

@@ -907,6 +907,7 @@ def run(
     bumpers=(),
     initial_velocity=None,
     damping=None,
+    rest=0.0,
     rtol=1e-10,
     atol=1e-12,
 ):
@@ -923,6 +924,8 @@ def run(
     bumpers : list of (pair, storeys as in `only` or None for all, law, k, e, thickness in m) of contacts of their own.
     initial_velocity : list of arrays per building (None or empty for a wall), relative to the ground, m/s.
     damping : replaces the published z (dashpot and quarter laws) or D = coefficient * v0 (proportional laws).
+    rest : time after the record, s, over which the ground comes to rest within dt and stays there; kinetic_final and
+        strain_final are those before it, and energy_damping takes what is left after it of a row that is all elastic.
 
     Returns
     -------
@@ -956,17 +959,23 @@ def run(
         raise ValueError("gaps must not be negative")
     s.peak = np.maximum(0.0, s.observe_now(0.0, y))
     history = [y[: 2 * row.n].copy()]
+    points, ag = len(ag), np.append(ag, np.zeros(int(np.ceil(rest / dt - 1e-9))))
     for i in range(len(ag) - 1):
+        if i == points - 1:
+            kinetic, strain, _ = s.energies(y)
         y = s.interval(y, i * dt, dt, ag[i], ag[i + 1])
         if s.fallen is not None:
             break
         history.append(y[: 2 * row.n].copy())
+    *left, transfer = s.energies(y)
+    if len(ag) == points:
+        kinetic, strain = left
+    lost = y[s.i_damp] + (sum(left) if len(ag) > points and not row.yields else 0.0)
     history = np.array(history)
 
     n, np_, nb = row.n, row.np, row.nb
     cuts = np.cumsum([n, n, row.floors, n, np_, np_, row.floors, n, nb])
     up, down, drift, acc, force, pen, shear, pull, tr_max, tr_min = np.split(s.peak, cuts)
-    kinetic, strain, transfer = s.energies(y)
     first = iter(s.first)
     levels = [np.zeros(0) if isinstance(b, str) else b.elevations() for b in buildings]
     return {
@@ -993,7 +1002,7 @@ def run(
         "contact_time": row.by_pair(s.closed),
         "contact_work": row.by_pair(y[s.i_work]),
         "energy_input": y[s.i_in].copy(),
-        "energy_damping": y[s.i_damp].copy(),
+        "energy_damping": lost,
         "kinetic_initial": s.kinetic0,
         "kinetic_final": kinetic,
         "strain_final": strain,

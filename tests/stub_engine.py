@@ -63,7 +63,9 @@ class StubEngine:
         if shape not in self.compiled:
             self.compiled.append(shape)
 
-        def run(motion: Any, interval: float, steps: int, flights: int, constants: Any, *arrays: Any) -> None:
+        def run(
+            motion: Any, interval: float, record: int, steps: int, flights: int, constants: Any, *arrays: Any
+        ) -> None:
             inputs, results, history, *_ = arrays
             given = _by_scenario(inputs)
             self.ran.append((shape, given))
@@ -126,6 +128,7 @@ def answer(
         values[wrong, 0] = FLAG_DIVERGED
     results[:] = values.reshape(-1, LANES, slots.size).transpose(0, 2, 1).reshape(len(results), -1)
     if shape.history:
+        history = history[: (len(motion) - 1) * steps + 1]
         _leave_history(shape, history, (len(motion) - 1) * interval, {k: v[0] for k, v in motions.items()})
 
 
@@ -170,7 +173,8 @@ def _response(
     umax = upwards[:, : shape.n_dof] + np.abs(speeds) / rate[:, owner]
     umin = downwards[:, : shape.n_dof] - np.abs(speeds) / rate[:, owner]
     closing = upwards[:, shape.n_dof :]
-    found = {"flags": np.zeros((len(given), 1)), "closing": closing, "collapse_time": -1.0}
+    ended = np.full((len(given), 1), (len(motion) - 1) * steps)
+    found = {"flags": np.zeros((len(given), 1)), "ended": ended, "closing": closing, "collapse_time": -1.0}
     contacts = shape.contacts
     duration = (len(motion) - 1) * interval
     work = np.zeros((len(given), max(1, len(contacts))))
@@ -228,6 +232,7 @@ def _response(
         "e_damp": lost,
         "e_kin": kinetic,
         "e_strain": strain,
+        "e_held": strain + kinetic,
         "tmax": np.maximum(gained, 0.0),
         "tmin": np.minimum(gained, 0.0),
         "sway": 0.1 * umax[:, [shape.home(b) for b in shape.foundations]],

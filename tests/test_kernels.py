@@ -170,7 +170,7 @@ def test_order_of_convergence(method, law):
 @pytest.mark.parametrize("law", ["kelvin_voigt"])
 def test_a_touch_that_is_over_within_a_step_is_found(method, law):
     """Floors that come no nearer than a hair beyond the gap, between the ends of a step."""
-    shake = {"law": law, "stiffness": 8e5, "restitution": 0.6, "method": method}
+    shake = {"law": law, "stiffness": 8e5, "restitution": 0.6, "method": method, "rest": 0.0}
     u = ps.simulate(ps.Scene([A, B], gaps=[1.0]), motion(76, 1.5), dt=1e-4, **shake).displacement
     closing = u.sel(building="a") - u.sel(building="b")
     nearest = float(closing.max())
@@ -284,7 +284,8 @@ def test_flight_is_exact_whatever_the_step():
     """Buildings that touch nothing, in steps as long as the record's, against their modal solutions."""
     record = motion(251)
     far = ps.Scene([A, B], gaps=[1.0])
-    one = ps.simulate(far, record, law="kelvin_voigt", stiffness=8e5, restitution=0.6, method="exact", dt=record.dt)
+    given = {"stiffness": 8e5, "restitution": 0.6, "method": "exact", "dt": record.dt, "rest": 0.0}
+    one = ps.simulate(far, record, law="kelvin_voigt", **given)
     for i, twin in enumerate(twins(PAIR)):
         want = modal_exact(twin, record.acceleration, record.dt)[0]
         np.testing.assert_allclose(one.displacement.isel(building=i).values, want, rtol=0, atol=1e-12)

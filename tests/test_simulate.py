@@ -42,7 +42,7 @@ def shake(law="kelvin_voigt", scene=PAIR, record=SHAKING, *, e=0.6, k=None, **op
         law=law,
         stiffness=k if LAWS[law].has_contact else None,
         restitution=e if LAWS[law].takes_restitution else None,
-        **{"method": "rk4", **options},
+        **{"method": "rk4", "rest": 0.0, **options},
     )
 
 
@@ -98,7 +98,7 @@ def test_arguments_in_other_words():
     assert one.pair_gap.values.tolist() == [0.03]
     law = LAWS["kelvin_voigt"]
     xr.testing.assert_equal(
-        shake(law.key), ps.simulate(PAIR, SHAKING, law=law, stiffness=8e5, restitution=0.6, method="rk4")
+        shake(law.key), ps.simulate(PAIR, SHAKING, law=law, stiffness=8e5, restitution=0.6, method="rk4", rest=0.0)
     )
 
 

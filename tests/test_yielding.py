@@ -108,6 +108,8 @@ def test_what_is_left_out_of_a_flight_changes_nothing():
         one = {name: values[[i]] for name, values in given.items()}
         want = whole.run(record, **one, history=steps)
         for name, values in want.items():
+            if name == "ended":  # of histories alone
+                continue
             near = {"rtol": 2e-4, "atol": 2e-4 * np.abs(found[name]).max()}  # steps are of other lengths
             np.testing.assert_allclose(found[name][i], values[0], **near, err_msg=f"{name} {i}")
             if name in ("count", "flags"):

@@ -36,7 +36,7 @@ from pounding_sweep.run.refinement import run_once
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes import SCHEMES, reference_scheme
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.spec import METHODS, PRECISIONS, SweepSpec, digest, to_json
+from pounding_sweep.spec.spec import METHODS, PRECISIONS, SweepSpec, digest, seconds_of_rest, to_json
 
 #: Steps (s) compared by default.
 DEFAULT_STEPS = (5e-3, 2.5e-3, 1e-3, 5e-4, 2.5e-4)
@@ -114,7 +114,7 @@ def find_touching(plan: Plan) -> np.ndarray:
     """Rows of the plan's unique table in which floors can meet, found by runs without pounding."""
     one = np.ones(len(plan.variants))
     limit = largest_step(plan.variants, plan.laws[-1], 0.0 * one, one, method="rk4")
-    numerics = Numerics("rk4", min(CLOSING_STEP, 0.5 * float(limit.min())))
+    numerics = Numerics("rk4", min(CLOSING_STEP, 0.5 * float(limit.min())), rest=plan.numerics.rest)
     closing = run_rows(plan, plan.uncoupled_runs, numerics, ("closing_max",), closing=True)["closing_max"]
     return ~untouched(plan, closing)
 
@@ -176,8 +176,9 @@ def measure(
     table, n = plan.unique[sample.rows], len(sample.rows)
     stable = REFERENCE_SHARE * float(plan.limit[sample.touching].min())
     method = reference_scheme(spec.scene, table.gaps)
-    reference = Numerics(method, min(finest / REFINEMENT, stable), True, spec.beta, spec.gamma)
-    grid = [Numerics(m, step, mode, spec.beta, spec.gamma, p) for m, mode, p, step in product(*axes.values())]
+    settings: dict[str, Any] = {"beta": spec.beta, "gamma": spec.gamma, "rest": seconds_of_rest(spec.rest)}
+    reference = Numerics(method, min(finest / REFINEMENT, stable), True, **settings)
+    grid = [Numerics(m, step, mode, precision=p, **settings) for m, mode, p, step in product(*axes.values())]
     limits = {name: make_plan(replace(base, method=name)).limit for name in axes["scheme"]}
     true_steps = np.array([[_step(record, step) for step in axes["step"]] for record in spec.records])
     refused = [

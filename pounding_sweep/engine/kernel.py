@@ -26,6 +26,7 @@ from pounding_sweep.kernel.lanes import (
     count_to,
     has_wide_registers,
     lane_of,
+    lesser,
     narrow,
     real,
     tracing,
@@ -49,7 +50,9 @@ class Ground:
         self._trace, length = trace, values["length"]
         self._wide = None if trace is None else length.trace
         self._motion = Table(self._wide, values["motion"], 1)
-        self.intervals, self.steps, self.substeps = points - 1, values["steps"], values["substeps"]
+        #: Intervals of the record, and of the ground, which may end with one in which it comes to rest.
+        self.record, self.intervals = values["record"], points - 1
+        self.steps, self.substeps = values["steps"], values["substeps"]
         self.h, self.long = (narrow(trace, length / self._double(n)) for n in (self.steps, self.substeps))
         #: The ground at the ends of all steps, for lanes that each have their own.
         self.track = values["track"]
@@ -64,12 +67,12 @@ class Ground:
 
     def _between(self, i: Any, j: Any) -> Any:
         share = self._double(j) / self._double(self.steps)
-        first, second = (self._motion.number(at, fixed=True) for at in (i, i + 1))
+        first, second = (self._motion.number(lesser(at, self.intervals), fixed=True) for at in (i, i + 1))
         return first + (second - first) * share
 
     def ends(self, i: Any, j: Any) -> tuple[Any, Any]:
         """Accelerations at both ends of a step."""
-        last = self._motion.number(i + 1, fixed=True)
+        last = self._motion.number(lesser(i + 1, self.intervals), fixed=True)
         late = where(j == self.steps - 1, last, self._between(i, j + 1))
         return narrow(self._trace, self._between(i, j)), narrow(self._trace, late)
 
@@ -199,11 +202,13 @@ def _run_groups(group: Group, ground: Ground, values: dict[str, Any], groups: An
         march.begin(group, ground.start())
         if note is not None:
             note(constant(0))
-        group.scheme.march(group, ground, note)
-        march.finish(group)
-        for name, n in results.count.items():
-            for i in count_to(n):
-                results[name, i] = state[name, i]
+
+        def leave(ended: Any, results: Rows = results) -> None:
+            for name, n in results.count.items():
+                for i in count_to(n):
+                    results.put(ended, state[name, i], name, i)
+
+        group.scheme.march(group, ground, note, leave)
 
 
 def _from(trace: Tracer | None, numbers: Any, at: Any) -> Any:

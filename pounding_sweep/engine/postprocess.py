@@ -33,7 +33,8 @@ def phase_error(row: Scene | Variants, record: Record, numerics: Numerics) -> np
     w, decay = (np.concatenate([each[:, :2].T for each in parts]) for parts in zip(*systems, strict=True))
     weights = np.concatenate([(1.0, SECOND_MODE)[: each.shape[1]] for each, _ in systems])
     share = numerics.scheme.phase_error(w * h, numerics.beta, numerics.gamma)
-    lasting = np.minimum(record.duration, 2.0 / np.maximum(decay, 1e-300))
+    rest = np.where(decay > 0.0, numerics.rest, 0.0)
+    lasting = np.minimum(record.duration + rest, 2.0 / np.maximum(decay, 1e-300))
     return np.asarray(np.max(weights[:, None] * w * lasting * share, axis=0, initial=0.0))
 
 
@@ -56,7 +57,7 @@ def energy_limit(
 ) -> np.ndarray:
     """Most energy that a row can ever hold (kN m), shape of `scale`."""
     masses, bases = variants_of(row).masses, variants_of(row).base_masses[:, ::2]
-    a = np.abs(record.acceleration)
+    a = np.abs(np.append(record.acceleration, 0.0))  # in one more step of the record the ground comes to rest
     pushed = 0.5 * float(np.sum(a[1:] + a[:-1])) * record.dt  # never less than the integral
     start = 0.0 if initial_velocity is None else np.sqrt((masses * np.square(initial_velocity)).sum(axis=1))
     whole = masses.sum(axis=1) + bases.sum(axis=1)

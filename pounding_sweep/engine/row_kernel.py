@@ -45,6 +45,9 @@ SEPTIC = 10321920.0
 SERIES_FALL = 0.5
 #: Yield drift (m) of storeys that never yield, and limit of those that never fall, in both number formats.
 ELASTIC = 1e30
+#: Most periods of the slowest mode that rest after a record lasts, and what its amplitude has decayed to where no bound
+#: tells that nothing changes any more: floors without a gap go on touching.
+REST_PERIODS, SMALL_MOTION = 200.0, 1e-3
 #: Tables of flight handed to a kernel at a time, where buildings vary (bytes).
 TABLE_BYTES = 1 << 25
 #: Of each thread: tables of flight that its last call filled, and what they are of.
@@ -64,6 +67,7 @@ class Numerics:
     precision: str = "float64"  # number format of the kernel; one of {"float64", "float32"}
     #: divisor of lengths that `dt` does not set: of sub-steps of a stiff contact and of long steps of exact flight
     refinement: float = 1.0
+    rest: float = 0.0  # time (s) after the record; infinite: until nothing changes any more
 
     @property
     def scheme(self) -> Scheme:
@@ -163,6 +167,7 @@ def _constants(
     values: dict[str, Any] = {name: read(row).T for name, read in PROPERTIES.items() if slots.count.get(name)}
     values["cap"] = SERIES_CAP / numerics.refinement**SERIES_FALL if shape.series else cap
     values |= {"newmark_beta": numerics.beta, "newmark_gamma": numerics.gamma}
+    values["settles"] = float(numerics.rest == math.inf)
     if initial_velocity is not None:
         values["v0"] = np.reshape([*initial_velocity, *[0.0] * (shape.n_moving - len(initial_velocity))], (-1, 1))
     if shape.staged:
@@ -177,9 +182,25 @@ def _layout(shape: KernelSpec, scene: Scene) -> Layout:
     return Layout(make_group(shape, None, width(shape.precision), constants))
 
 
-def _ground(record: Record, steps: int) -> np.ndarray:
-    """Accelerations of the ground at the ends of so many steps in each interval of the record."""
-    motion = np.array(record.acceleration)
+def longest_rest(row: Scene | Variants) -> tuple[np.ndarray, np.ndarray]:
+    """Most time (s) that rests last, and until their motions are small, of each variant; 0 without damping."""
+    variants, scene = variants_of(row), variants_of(row).scene
+    frequencies, rates = [], []
+    for group, system in zip(scene.linked_buildings, variants.systems, strict=True):
+        if len(group) == 1 and scene.buildings[group[0]].dashpots:
+            *_, w, drags = variants.modal(group)
+            system = w, np.diagonal(drags, axis1=1, axis2=2)  # noqa: PLW2901
+        w, drag = (each[:, : 2 * len(group)] for each in system)  # the modes that move buildings most
+        frequencies.append(w[:, 0])
+        ratio = 0.5 * drag / w
+        rates.append((w * (ratio - np.sqrt(np.maximum(ratio**2 - 1.0, 0.0)))).min(axis=1))
+    longest, rate = REST_PERIODS * 2.0 * np.pi / np.min(frequencies, axis=0), np.min(rates, axis=0)
+    small = np.minimum(longest, -math.log(SMALL_MOTION) / np.where(rate > 0.0, rate, np.inf))
+    return np.where(rate > 0.0, longest, 0.0), small
+
+
+def _ground(motion: np.ndarray, steps: int) -> np.ndarray:
+    """Accelerations of the ground at the ends of so many steps in each interval of its motion."""
     inner = motion[:-1, None] + (motion[1:] - motion[:-1])[:, None] * (np.arange(steps) / steps)
     return np.append(inner.ravel(), motion[-1])
 
@@ -219,6 +240,16 @@ class RowKernel:
         """Scene constants in the kernel's layout, under a ground motion that is rough or not."""
         return _constants(self.shape, self.scene, self.numerics, self.initial_velocity, rough)
 
+    def intervals_of_rest(self, record: Record, row: Variants, gaps: np.ndarray) -> np.ndarray:
+        """Return the record intervals that rests last at most, of each scenario, by its gaps (m)."""
+        rest: Any = self.numerics.rest
+        clearance = np.min(self._clearances(gaps), axis=1, initial=math.inf)
+        if rest == math.inf:
+            longest, small = longest_rest(row)
+            bounded = ((clearance > 0.0) | (self.shape.law is None)) & self.shape.rest_is_bounded
+            rest = np.where(bounded, longest, small)
+        return np.asarray(np.ceil(np.broadcast_to(rest, clearance.shape) / record.dt - 1e-9), int)
+
     def flight_substeps(self, record: Record, variants: Variants | None = None) -> np.ndarray:
         """Return the exact steps of free flight per record interval: a divisor of the steps."""
         row, steps = variants_of(self.scene) if variants is None else variants, self.numerics.steps(record)
@@ -255,25 +286,29 @@ class RowKernel:
 
         shape, n, groups = self.shape, len(scale), -(-len(scale) // LANES)
         outputs, row = output_slots(shape), variants_of(self.scene) if variants is None else variants
+        rests = self.intervals_of_rest(record, row, gaps)
+        # in the first interval of a rest the ground comes to rest
+        motion = np.append(record.acceleration, [0.0] * bool(rests.any()))
         steps = flight_substeps = self.numerics.steps(record)
         track = np.zeros(1, shape.precision)
         if shape.by_series:
             flight_substeps = int(self.flight_substeps(record, row).max())
             steps = flight_substeps if shape.series or shape.staged else steps
-            track = _ground(record, steps).astype(shape.precision)
+            track = _ground(motion, steps).astype(shape.precision)
         results = np.zeros((groups, outputs.size * LANES))
         history = np.zeros((1, 1)) if history is None else history
         kernel = partial(run_twin, shape) if twin else compile.get_kernel(shape)
-        brought = [np.asarray(values, float) for values in (scale, gaps, stiffness, restitution)]
+        brought = [np.asarray(values, float) for values in (scale, gaps, stiffness, restitution, rests)]
         first = 0
         while first < groups:
             part = row[first * LANES :]
-            tables, buildings, count = self._tables(record, flight_substeps, part, groups - first, twin)
+            tables, buildings, count = self._tables(record, motion, flight_substeps, part, groups - first, twin)
             mine = slice(first * LANES, (first + count) * LANES)
             lanes = self._lanes(buildings, row[mine], record.is_rough, (values[mine] for values in brought))
             kernel(
-                np.array(record.acceleration),
+                motion,
                 float(record.dt),
+                record.n_points - 1,
                 steps,
                 flight_substeps,
                 self.constants(record.is_rough),
@@ -285,7 +320,7 @@ class RowKernel:
                 len(scale[mine]),
             )
             if self._shares_tables and not twin:
-                _MEMORY.filled = (shape, self.scene, record, flight_substeps), tables[:2]
+                _MEMORY.filled = (shape, self.scene, record, flight_substeps, len(motion)), tables[:2]
             first += count
         by_slot = results.reshape(groups, outputs.size, LANES).transpose(1, 0, 2).reshape(outputs.size, -1)[:, :n]
         raw = {name: by_slot[i : i + outputs.count[name]].T for name, i in outputs.first.items()}
@@ -293,11 +328,19 @@ class RowKernel:
         raw["scale"] = brought[0][:, None]
         if shape.law is not None:  # factors by which damping shortens contacts, of each law of the kernel
             raw["quickening"] = quickening = np.ones((n, len(shape.laws)))
-            quickening[:, 0] = self.law.quickening(brought[-1], self.basis)
+            quickening[:, 0] = self.law.quickening(brought[3], self.basis)
             for which, bumper in zip(shape.bumped, self.scene.bumper_of, strict=False):
                 if bumper:
                     quickening[:, which] = np.maximum(quickening[:, which], bumper.quickening(self.basis))
         return raw
+
+    def _clearances(self, gaps: np.ndarray) -> np.ndarray:
+        """Return the gaps (m) that are left beside bumpers, of pairs or, where there are any, of contacts."""
+        thickness: Any = self.law.thickness
+        if self.shape.bumped:
+            gaps = gaps[:, [contact.pair for contact in self.scene.contacts]]
+            thickness = self.scene.thicknesses(thickness)
+        return gaps - thickness
 
     @property
     def _shares_tables(self) -> bool:
@@ -305,7 +348,7 @@ class RowKernel:
         return self.shape.flies_exactly and not (self.varied or self.shape.blocks)
 
     def _tables(
-        self, record: Record, n: int, row: Variants, most_groups: int, twin: bool
+        self, record: Record, motion: np.ndarray, n: int, row: Variants, most_groups: int, twin: bool
     ) -> tuple[tuple[np.ndarray, np.ndarray, int], np.ndarray, int]:
         """Return tables of flight in `n` steps an interval, which each scenario has, and how many groups they serve."""
         shape, precision = self.shape, self.numerics.precision
@@ -313,10 +356,10 @@ class RowKernel:
             return (np.zeros(1, precision), np.zeros(1), 0), np.zeros(1), most_groups
         stay = self._shares_tables and not twin
         filled, tables = getattr(_MEMORY, "filled", (None, ()))
-        if stay and filled == (shape, self.scene, record, n):  # by this thread's last call
+        if stay and filled == (shape, self.scene, record, n, len(motion)):  # by this thread's last call
             return (*tables, 0), np.zeros(1), most_groups
         layout = _layout(shape, self.scene)
-        stops = stops_of(layout, (record.n_points - 1) * n + 1, n)
+        stops = stops_of(layout, (len(motion) - 1) * n + 1, n)
         row = row if self.varied else variants_of(self.scene)
         new, which = (np.zeros(1, int), np.zeros(1, int)) if len(row) == 1 else row.flights()
         most = max(1, TABLE_BYTES // (np.dtype(precision).itemsize * layout.size(stops)))
@@ -325,20 +368,16 @@ class RowKernel:
         which = which[: groups * LANES]
         needed = new[: int(which.max()) + 1]
         some = row[needed] if len(needed) < len(row) else row
-        tables = flight_tables(layout, some, stops, _ground(record, n), record.dt / n, precision, n, stay)
+        tables = flight_tables(layout, some, stops, _ground(motion, n), record.dt / n, precision, n, stay)
         return (*tables, len(needed)), which, groups
 
     def _lanes(self, buildings: np.ndarray, row: Variants, rough: bool, inputs: Iterable[np.ndarray]) -> np.ndarray:
         """Return the inputs of scenarios as they lie in the lanes, shape (groups, slots times lanes)."""
-        scale, gaps, stiffness, restitution = inputs
+        scale, gaps, stiffness, restitution, rests = inputs
         shape, slots, n = self.shape, input_slots(self.shape), len(scale)
-        values: dict[str, Any] = {"scale": scale}
+        values: dict[str, Any] = {"scale": scale, "rests": rests}
         if shape.contacts:
-            thickness: Any = self.law.thickness
-            if shape.bumped:
-                gaps = gaps[:, [contact.pair for contact in self.scene.contacts]]
-                thickness = self.scene.thicknesses(thickness)
-            values["gap"] = (gaps - thickness).T
+            values["gap"] = self._clearances(gaps).T
         if shape.law is not None:
             k = row.contact_stiffnesses(stiffness).T if shape.stiffness_per_contact else stiffness[None, :]
             c = self.law.damping_coefficient(restitution, k, row.contact_masses.T, self.basis)

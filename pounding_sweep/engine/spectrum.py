@@ -176,16 +176,20 @@ def scaled_to_sa(record: Record, sa: float, period: float) -> Record:
     return record.scaled(sa / spectral_acceleration(record, period))
 
 
-def oscillator_peaks(ground: Array, dt: float, periods: Array, damping: float) -> tuple[Array, Array]:
-    """Return the peaks of oscillators that start at rest."""
-    ground = np.array(ground, dtype=np.float64)  # the kernel takes no read-only array
+def oscillator_peaks(
+    ground: Array, dt: float, periods: Array, damping: float, rest: float = math.inf
+) -> tuple[Array, Array]:
+    """Return the peaks of oscillators that start at rest, the base being at rest for a time (s) after its motion."""
     frequency = 2.0 * np.pi / periods
     steps = steps_of(periods, dt)
     found = np.zeros((2, periods.size))
     for count in np.unique(steps):
         chosen = steps == count
         step, w, peaks = dt / count, frequency[chosen], np.zeros((2, np.count_nonzero(chosen)))
-        _march(ground, int(count), *_transition(w, damping, step), w * step, step, 2.0 * damping, peaks)
+        # a free vibration that exceeds what it begins with does so within half a period
+        longest = min(rest, dt + 0.5 * periods[chosen].max())
+        motion = np.append(ground, np.zeros(math.ceil(longest / dt - 1e-9)))
+        _march(motion, int(count), *_transition(w, damping, step), w * step, step, 2.0 * damping, peaks)
         found[:, chosen] = peaks
     return found[0], found[1] * frequency
 
@@ -195,7 +199,7 @@ def strengths_for(row: Variants, record: Record, ductilities: Array, dt: float =
     # Of shape (rows, buildings); NaN where a building does not yield, or does not reach it. `ductilities` has one for
     # each row of building properties, whose own strength factors are passed over.
     scene, reducers = row.scene, reducers_for(["drift_max"])
-    kernel = RowKernel(scene, get_law("none"), Numerics("rk4", dt), reducers, varied=True)
+    kernel = RowKernel(scene, get_law("none"), Numerics("rk4", dt, rest=math.inf), reducers, varied=True)
 
     def demand(factors: Array) -> Array:
         """Return ductilities by strength factors of each building alone, shape (rows, any, buildings)."""

@@ -321,7 +321,9 @@ class Flight:
             layout.coupled,
             layout.yields,
         )
-        self.tables, self.points, self.last = Table(self.trace, tables, self.lanes), points, points - 1
+        self.tables, self.points = Table(self.trace, tables, self.lanes), points
+        #: Last point that the scenario flies to, and whether nothing changes any more.
+        self.last, self.quiet = Cell(points), Cell(False)
         self.rows = Rows(self.trace, layout.scratch, self.lanes, memory)
         #: Where the tables of the scenario that flies begin, and the record's scale.
         self.base, self.scale = Cell(points), Cell(1.0)
@@ -354,17 +356,25 @@ class Flight:
         width = self.layout.timed.get(name, 0)
         return self.vector(name, t * width + part * self.lanes if width else part * self.lanes)
 
+    def _known(self, t: Any) -> Any:
+        """Point of the tables that stands for t: the last one in the rest after the ground's motion."""
+        return lesser(t, self.points - 1)
+
     def _still(self, name: str, t: Any, part: Any) -> Any:
-        """Modes, or their rates, of the motion without pounding at point t."""
+        """Modes, or their rates, of the motion without pounding at point t, of tables of a unit scale."""
         if self.blocks is None:
-            return self.part(name, part, t)
-        return self.rows[f"point_{name}", t - self.blocks.start + part * SPAN]
+            return self.part(name, part, self._known(t))
+        return self.rows[f"point_{name}", self._known(t) - self.blocks.start + part * SPAN]
 
     def _free(self, name: str, m: Any, t: Any) -> Any:
         """Return a mode, its rate times the step, or the ground, without pounding, at successive points from t on."""
+        scale, t = self.scale.now, self._known(t)
         if self.blocks is None:
-            return self.vector(name, m * (self.points + self.lanes) + t)
-        return self.rows.vector(f"free_{name}", m * self.layout.series_rows * self.lanes + (t - self.blocks.start))
+            free = self.vector(name, m * (self.points + self.lanes) + t)
+        else:
+            at = m * self.layout.series_rows * self.lanes + (t - self.blocks.start)
+            free = self.rows.vector(f"free_{name}", at)
+        return where(scale == 0.0, 0.0, scale * free)  # beyond the last point there may be any numbers
 
     def put_decays(self, decays: Table, start: Any) -> None:
         """Fill in how modes decay over 0, 1 ... steps and a wide window or a block, from their one step at `start`."""
@@ -458,7 +468,7 @@ class Flight:
         for b, floors in enumerate(group.building_floors) if self.coupled else group.iter_buildings():
             stored, gained = lane_of(kinetic(group, floors) + strain(group, floors), lane), constant(0.0)
             for m in () if self.coupled else floors:
-                q, p, at = w.number("q", m), w.number("p", m), t * m_wide + m
+                q, p, at = w.number("q", m), w.number("p", m), self._known(t) * m_wide + m
                 more = self.number("adjoint_q", at) * q + self.number("adjoint_p", at) * p
                 gained = gained + self.scale.now * (more - self.scale.now * self.number("input", at))
             if not self.coupled:
@@ -489,7 +499,7 @@ class Flight:
         table = Lookup([float(x) for x in np.concatenate(nodes(count))])
         for m in self.indices(layout.modes, 4):
             w["y", m], w["rate", m] = self.moved(m, t, 0), self.moved(m, t, 2)
-        early = self.scale.now * self._free("ground", 0, t)
+        early = self._free("ground", 0, t)
         late = shifted(early)
         gained, link_energy, dissipated = (
             [Cell(zero) for _ in range(n)] for n in (spec.n_buildings, spec.n_buildings, len(spec.links))
@@ -553,20 +563,15 @@ class Flight:
         """Find the displacements at which the row would rest, as its storeys have yielded."""
         group = self.group
         s, n = group.state, group.spec.n_dof
-
-        def drift(i: Any) -> Any:
-            return (1.0 - group.prop("hardening", i)) * s["slip", i]
-
-        if "sets" in self.layout.fixed:  # links and foundations hold back, too
-            for i in self.indices(self.layout.modes):
-                rest = group.cell(0.0)
-                for j in self.indices(n):
-                    rest.now = fma(self.number("sets", i * n + j), drift(j), rest.now)
-                s["set", i] = rest.now
+        if "sets" not in self.layout.fixed:
+            hysteresis.find_sets(group)
             return
-        for _, floors in group.iter_buildings():
-            for i, total in zip(floors, accumulate(map(drift, floors)), strict=True):
-                s["set", i] = total
+        for i in self.indices(self.layout.modes):  # links and foundations hold back, too
+            rest = group.cell(0.0)
+            for j in self.indices(n):
+                drift = (1.0 - group.prop("hardening", j)) * s["slip", j]
+                rest.now = fma(self.number("sets", i * n + j), drift, rest.now)
+            s["set", i] = rest.now
 
     def _shift(self, lane: Any) -> None:
         """Find what the set of a scenario adds to all that is watched; total accelerations do not know it."""
@@ -609,7 +614,11 @@ class Flight:
         """Fly from point `at` on to where floors may touch in the step to come (`hits`), or to the last point."""
         # with a `note` of each point's motion, windows are one step long
         self._take_thresholds(lane)
-        self.hits.now, self.active.now = False, True
+        self.hits.now, self.quiet.now, self.active.now = False, False, True
+        # in the rest after the ground's motion the amplitudes of the modes, which decay, bound all that follows
+        rests = self.at.now > self.points - 2
+        settles = self.group.prop("settles") > 0.0 if self.group.spec.rest_is_bounded else constant(False)
+        far, ahead = Cell(False), Cell(self.points)
         windows, blocks = self.group.spec.windows, self.blocks
         leaps = note is None and windows and not self.layout.powers
         for _ in when(self.at.now < 1) if leaps or blocks is not None else ():
@@ -618,36 +627,40 @@ class Flight:
             moves = any_lane(reduce(maximum, amplitudes, self.times.full(0.0)) > 0.0)
             for _ in when(not_(moves)):  # nothing but the record moves the row
                 self._skip_to_first() if leaps else self._skip_free_blocks()
-        for _ in while_any(lambda: self.active.now & (self.at.now < self.last)):
+        for _ in while_any(lambda: self.active.now & (self.at.now < self.last.now)):
             t = self.at.now
             self._bounds()
-            steps_left, far = self.last - t, constant(False)
-            if blocks is not None:
+            far.now, ahead.now = False, self.last.now - t
+            for _ in when(rests & settles):
+                far.now = self.quiet.now = not_(self._near(t, "", ""))
+                self.active.now = not_(far.now)
+            for _ in when(not_(rests)) if blocks is not None else ():
                 block = blocks.of(t)
-                steps_left = lesser(steps_left, (block + 1) * blocks.length - t)
-                far = not_(self._near(block, "most", "least"))
-                for _ in when(far):  # pass what is left of the block
-                    left = Cell(steps_left)
-                    for _ in when(steps_left == blocks.length):
+                ahead.now = lesser(ahead.now, (block + 1) * blocks.length - t)
+                far.now = not_(self._near(block, "most", "least"))
+                for _ in when(far.now):  # pass what is left of the block
+                    left = Cell(ahead.now)
+                    for _ in when(ahead.now == blocks.length):
                         self._advance(self.lanes)
                         left.now = 0
                     for _ in while_any(lambda: left.now > 0):  # noqa: B023
                         steps = lesser(left.now, self.lanes - 1)
                         self._advance(steps)
                         left.now -= steps
-                    self.at.now += steps_left
-            elif leaps:
+                    self.at.now += ahead.now
+            for _ in when(not_(rests)) if leaps else ():
                 # by the bounds that modes have now
                 for _ in while_any(
                     lambda: (
-                        not_(self.last - self.at.now < WIDE) & not_(self._near(self.at.now, "widest", "widest_least"))
+                        not_(self.last.now - self.at.now < WIDE)
+                        & not_(self._near(self.at.now, "widest", "widest_least"))
                     )
                 ):
                     self._advance(self.lanes)
                     self.at.now += WIDE
-                far = self.at.now > t
-            for _ in when(not_(far)):
-                steps_left = lesser(steps_left, self.lanes - 1 if note is None else 1)
+                far.now = self.at.now > t
+            for _ in when(not_(far.now)):
+                steps_left = lesser(ahead.now, self.lanes - 1 if note is None else 1)
                 self.steps.now = steps_left
                 if blocks is not None:
                     blocks.know(blocks.of(t))
@@ -752,8 +765,8 @@ class Flight:
 
     def _skip_to_first(self) -> None:
         """Go to the last point before floors may touch, by the running extremes of the motion without pounding."""
-        low, high = Cell(0), Cell(self.last)
-        for _ in when(self._met(self._extremes(self.last, "peak", "trough"))):
+        low, high = Cell(0), Cell(self.last.now)
+        for _ in when(self._met(self._extremes(self.last.now, "peak", "trough"))):
             for _ in while_any(lambda: high.now - low.now > 1):
                 middle = (low.now + high.now) // 2
                 met = self._met(self._extremes(middle, "peak", "trough"))
@@ -763,7 +776,7 @@ class Flight:
                     low.now = middle
             self.hits.now, self.active.now = True, False
         for _ in when(not_(self.hits.now)):
-            low.now = self.last
+            low.now = self.last.now
         self.at.now = low.now
         for part, (most, least) in enumerate(self._extremes(self.at.now, "peak", "trough")):
             self._take_peaks(part, most, least)
@@ -792,7 +805,7 @@ class Flight:
 
     def _extremes(self, t: Any, most: str, least: str) -> list[tuple[Any, Any]]:
         """Extremes at point t of the motion without pounding, of tables of a unit scale, part by part."""
-        scale, extremes = self.scale.now, []
+        scale, extremes, t = self.scale.now, [], self._known(t)
         for part in self.watched_parts:
             above, below = self.part(most, part, t), self.part(least, part, t)
             up = scale >= 0.0
@@ -800,13 +813,16 @@ class Flight:
         return extremes
 
     def _near(self, t: Any, most: str, least: str) -> Any:
-        """Whether a gap or a peak may be reached in a window from point t on; which of them, in ``asks``."""
-        w, near = self.rows, self.times.cell(False)
-        for part, (above, below) in enumerate(self._extremes(t, most, least)):
+        """Whether a gap or a peak may be reached in a window from point t on ("": ever); which of them, in ``asks``."""
+        w, near, zero = self.rows, self.times.cell(False), self.times.full(0.0)
+        extremes = self._extremes(t, most, least) if most else [(zero, zero)] * len(self.watched_parts)
+        for part, (above, below) in enumerate(extremes):
             reach, high, low = w["reach", part], w["high", part], w["low", part]
             up, down = (x + w["shift", part] if self.yields else x for x in (above, below))
             asks = (up + reach >= high) | (down - reach <= low)
-            if most == "most":
+            if not most:
+                asks = (up + reach > high) | (down - reach < low)
+            if most in ("most", ""):
                 w["asks", part] = where(asks, 1.0, 0.0)
             near.now |= asks
         return any_lane(near.now)
@@ -825,7 +841,10 @@ class Flight:
         for part in self.watched_parts:
             w["crest", part], w["trough", part] = self.times.full(-far), self.times.full(far)
         free, block = Cell(True), Cell(0)
-        for _ in while_any(lambda: free.now & (block.now < self.blocks.blocks)):
+        blocks = Cell(self.blocks.blocks)
+        for _ in when(self.last.now < self.points - 1):  # the others are not all of this scenario's
+            blocks.now = self.last.now // self.blocks.length
+        for _ in while_any(lambda: free.now & (block.now < blocks.now)):
             extremes = self._extremes(block.now, "most", "least")
             free.now = not_(self._met(extremes))
             for _ in when(free.now):
@@ -873,7 +892,7 @@ class Flight:
         """Mode m at the lanes' instants (row 0), or its rate times the step (row 2)."""
         at, (q, p) = (m * 4 + row) * self.lanes, (self.rows.number(name, m) for name in "qp")
         free = self._free("rate" if row else "x", m, t)
-        return fma(self.vector("times", at), q, fma(self.vector("times", at + self.lanes), p, self.scale.now * free))
+        return fma(self.vector("times", at), q, fma(self.vector("times", at + self.lanes), p, free))
 
     def _know_rates(self, t: Any) -> None:
         """Find the rates of all modes, once in a window."""
@@ -887,7 +906,7 @@ class Flight:
         # Of third rates, the part of the ground's is apart: it jumps at the points of the grid.
         w = self.rows
         self._know_rates(t)
-        ground = self.scale.now * self._free("ground", 0, t)
+        ground = self._free("ground", 0, t)
         rise = shifted(ground) - ground
         for m in self.indices(self.layout.modes, 4):
             stiff, damped, pushed = (self.number(name, m) for name in ("square", "damping", "push"))

@@ -55,7 +55,7 @@ class _Filler:
     def __init__(self, flight: Flight, decays: Table, margin: float) -> None:
         self.flight, self.layout, self.lanes = flight, flight.layout, flight.lanes
         self.modes, self.decays, self.margin = flight.layout.modes, decays, margin
-        self.points, self.last = flight.points, flight.last
+        self.points, self.last = flight.points, flight.points - 1
 
     def narrow(self, x: Any) -> Any:
         """Return numbers of double precision in the kernel's format."""
@@ -271,7 +271,7 @@ class Blocks(_Filler):
         self.steps = self.length // self.stride
         #: By what the bulge of one step is less than that of a long one.
         self.per_square = 1.0 / (real(self.stride) * real(self.stride))
-        self.blocks = (flight.last + (self.length - 1)) // self.length
+        self.blocks = (self.last + (self.length - 1)) // self.length
         self.groups = groups = (rows + (self.lanes - 1)) // self.lanes
         self.push_at = flight.points + HEAD
         self.strides_at = self.push_at + wide
@@ -307,7 +307,7 @@ class Blocks(_Filler):
         for bundle in count_to((self.groups + (BUNDLE - 1)) // BUNDLE):
             first = bundle * BUNDLE
             for block in count_to(self.blocks):
-                left = (f.last - block * self.length) // self.stride
+                left = (self.last - block * self.length) // self.stride
                 for k in count_to(lesser(self.groups - first, BUNDLE)):
                     self._fill_block(first + k, block, lesser(left, self.steps))
 
@@ -497,7 +497,7 @@ class Blocks(_Filler):
         number = (f.base.now - layout.start) // layout.size(self.blocks)
         group = number // lanes
         lane, start = number - group * lanes, block * self.length
-        steps = lesser(f.last - start, self.length)
+        steps = lesser(self.last - start, self.length)
         for m in count_to(self.modes):
             for k in range(STATE):
                 x = self.decays.number(self._state(group, block, m) + lane + k * lanes)

@@ -37,7 +37,7 @@ from pounding_sweep.model.formula import read, value
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Constants that all lanes share even where buildings vary.
-SHARED = frozenset({"u0", "v0", "cap", "newmark_beta", "newmark_gamma"})
+SHARED = frozenset({"u0", "v0", "cap", "newmark_beta", "newmark_gamma", "settles"})
 #: What a reducer asks of each sub-step of a closed contact, each with those before it: nothing, the penetration at
 #: both ends, the force too, or that forces and their rates at both ends are kept for all floors.
 LOOKS = ("", "depth", "force", "ends")
@@ -186,6 +186,8 @@ class Group:
         rows |= {"u": n, "v": n, "u0": n, "v0": n, "h": 1, "g0": 1, "g1": 1}
         if spec.implicit or self.has_events or spec.links:
             rows |= {"a0": n}
+        if not spec.by_series:
+            rows |= {"flexibility": n}
         if "acceleration" in self.requested:
             rows |= dict.fromkeys(("acc_start", "acc_end", "acc_rate_start", "acc_rate_end"), n)
         if not spec.fused:  # sums over the stages of a step, and its stages
@@ -207,7 +209,7 @@ class Group:
             rows |= dict.fromkeys(("z_sign", "rate_sign"), n) if spec.smooth and spec.series else {}
             rows |= {"flow": n, "rest": n} if spec.smooth and spec.implicit else {}
             rows |= {"fall": n, "collapsed": 1} if spec.falling else {}
-            rows |= {"set": n} if spec.flies_exactly else {}
+            rows |= {"set": n}
         if self.touching:
             # mode, the next one and when it comes (in sub-steps); stiffness and damping in this mode, and of the law
             # (kN/m, kN s/m); rate of approach (m/s); time since the touch, and of an elastic contact (s)

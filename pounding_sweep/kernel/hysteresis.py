@@ -10,6 +10,7 @@ is V = KT d + CT, with KT = k, CT = -(1 - r) k p, or KT = r k, CT = +-(1 - r) k 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import accumulate
 from typing import Any
 
 from pounding_sweep.kernel.group import Group, Storey
@@ -29,9 +30,17 @@ def begin(group: Group, lanes: Any = None) -> None:
             group.state.put(lanes, group.full(group.prop("k", i)), name, i)
 
 
+def find_sets(group: Group) -> None:
+    """Find the displacements at which buildings rest that nothing else holds back, as their storeys have yielded."""
+    for _, floors in group.iter_buildings():
+        drifts = [(1.0 - group.prop("hardening", i)) * group.state["slip", i] for i in floors]
+        for i, total in zip(floors, accumulate(drifts), strict=True):
+            group.state["set", i] = total
+
+
 def shear(storey: Storey, name: Any = "u") -> Any:
     """Storey shear, dampers not included; of rates, or of what says that it has no `constant`, its rate."""
-    constant = name.startswith("u") if isinstance(name, str) else name.constant
+    constant = name.startswith(("u", "set")) if isinstance(name, str) else name.constant
     rising = storey.kt * storey.drift(name)
     return rising + storey.ct if constant else rising
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from pounding_sweep.kernel import bouc_wen, collapse, forces, hysteresis, impulse, links, transfers
+from pounding_sweep.kernel import bouc_wen, collapse, forces, hysteresis, impulse, rest, transfers
 from pounding_sweep.kernel.group import BENDS, Group
 from pounding_sweep.kernel.lanes import (
     Cell,
@@ -19,6 +19,7 @@ from pounding_sweep.kernel.lanes import (
     maximum,
     minimum,
     not_,
+    real,
     size,
     when,
     when_any,
@@ -27,7 +28,7 @@ from pounding_sweep.kernel.lanes import (
 )
 from pounding_sweep.kernel.peaks import largest_accelerations, reduce_step, samples, turning, turns
 from pounding_sweep.kernel.roots import course
-from pounding_sweep.kernel.row import iter_powers, kinetic, strain
+from pounding_sweep.kernel.row import iter_powers
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Landings on the same touch that Newton improves, and those in all.
@@ -60,25 +61,17 @@ def begin(group: Group, start: Any, lanes: Any = None) -> None:
             else:
                 for i in group.indices(slot.count(spec)):
                     s.put(lanes, group.full(slot.first(group, i)), slot.name, i)
+    rest.note_energies(group, lanes)
     if spec.implicit:
         group.scheme.begin(group)
 
 
-def finish(group: Group) -> None:
-    """Last peaks, energies and flags."""
-    if group.spec.located:
-        samples(group)
-    conclude(group)
-
-
-def conclude(group: Group) -> None:
-    """Last energies and flags."""
-    s, spec, r = group.state, group.spec, group.requested
-    if "energy" in r:
-        for b, floors in group.iter_buildings():
-            s["e_kin", b], s["e_strain", b] = kinetic(group, floors), strain(group, floors)
-    if "links" in r:
-        links.conclude(group)
+def conclude(group: Group, lanes: Any, steps: Any) -> None:
+    """Last energies and flags of lanes that are at their end, after so many steps."""
+    s, spec = group.state, group.spec
+    rest.conclude(group, lanes)
+    if spec.history:
+        s.put(lanes, group.full(real(steps)), "ended")
     sound = group.cell(True)
     for i in group.indices(spec.n_moving):
         v = s["v", i]
@@ -352,32 +345,59 @@ def may_touch(group: Group, h: Any) -> Any:
 
 
 class FixedSteps:
-    """All steps of one lane group, of one length."""
+    """All steps of one lane group, of one length; `leave` takes the results of lanes that are at their end."""
 
-    def __init__(self, group: Group, ground: Any, note: Callable[[Any], None] | None) -> None:
-        self.group, self.ground, self.note = group, ground, note
+    def __init__(self, group: Group, ground: Any, note: Any, leave: Callable[[Any], None]) -> None:
+        self.group, self.ground, self.note, self.leave = group, ground, note, leave
 
     def run(self) -> None:
-        """Go through the record."""
-        group, s, ground = self.group, self.group.state, self.ground
-        closed = Cell(False)
+        """Go through the record and the rest after it."""
+        group, ground = self.group, self.ground
+        closed, number, busy, goes_on = Cell(False), Cell(0), group.cell(True), Cell(True)
         flowing = Cell(False) if group.spec.yielding else None
-        for i in count_to(ground.intervals):
-            for j in count_to(ground.steps):
-                ga, gb = ground.ends(i, j)
-                number = i * ground.steps + j
-                group.number = lambda: number  # noqa: B023
-                h = where(collapse.stands(group), group.full(ground.h), 0.0) if group.spec.falling else ground.h
-                s["h"], s["g0"], s["g1"] = h, s["scale"] * ga, s["scale"] * gb
-                if not group.has_events:
-                    self._reduce(group.scheme.flight(group, ground.h), turning(group))
-                elif group.spec.located:
-                    for _ in when(any_lane(h > 0.0)) if group.spec.falling else (None,):
-                        self._step_events(closed, flowing, ga, gb, h)
-                else:
-                    self._step_sampled(number)
-                if self.note is not None:
-                    self.note(number + 1)
+        for _ in while_any(lambda: goes_on.now):
+            for _ in when(not_(number.now < ground.record)):
+                self._leave(number.now, busy)
+                goes_on.now = any_lane(busy.now)
+            for _ in when(goes_on.now):
+                for j in count_to(ground.steps):
+                    self._step(number.now, j, closed, flowing)
+                number.now += 1
+
+    def _leave(self, number: Any, busy: Cell) -> None:
+        """Let lanes leave that are at their end, or that nothing changes any more, after so many intervals."""
+        group, s = self.group, self.group.state
+        rests = number - self.ground.record
+        for _ in when(number == self.ground.record):
+            rest.note_energies(group, None)
+        over = Cell(busy.now & ~(s["rests"] > real(rests)))
+        if group.spec.falling:
+            over.now |= busy.now & ~collapse.stands(group)
+        for _ in when(rests > 0) if group.spec.rest_is_bounded else ():
+            over.now |= busy.now & ~rest.may_change(group) & (group.full(group.prop("settles")) > 0.0)
+        with when_any(over.now):
+            if group.spec.located:
+                samples(group, over.now)
+            conclude(group, over.now, number * self.ground.steps)
+            self.leave(over.now)
+        busy.now &= ~over.now
+
+    def _step(self, i: Any, j: Any, closed: Cell, flowing: Cell | None) -> None:
+        group, s, ground = self.group, self.group.state, self.ground
+        ga, gb = ground.ends(i, j)
+        number = i * ground.steps + j
+        group.number = lambda: number
+        h = where(collapse.stands(group), group.full(ground.h), 0.0) if group.spec.falling else ground.h
+        s["h"], s["g0"], s["g1"] = h, s["scale"] * ga, s["scale"] * gb
+        if not group.has_events:
+            self._reduce(group.scheme.flight(group, ground.h), turning(group))
+        elif group.spec.located:
+            for _ in when(any_lane(h > 0.0)) if group.spec.falling else (None,):
+                self._step_events(closed, flowing, ga, gb, h)
+        else:
+            self._step_sampled(number)
+        if self.note is not None:
+            self.note(number + 1)
 
     def _reduce(self, add: Callable[[], None], turned: Any) -> None:
         group = self.group

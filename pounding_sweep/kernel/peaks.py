@@ -109,6 +109,7 @@ class Motion:
     most: tuple[str, Any]
     least: tuple[str, Any] | None
     sized: bool  # it is its absolute value that counts
+    soft: Callable[[], Any]  # square of the most by which a free vibration departs from rest, over twice its energy
     of: Callable[[Any], Any]  # reads it, or its rate, by the name of the floors' rows, or from numbers of the floors
     shear: Any = -1  # floor above the storey that yields, of whose hysteresis it is the shear; -1: of none
     alone: bool = True  # it may turn where no other motion does that is followed

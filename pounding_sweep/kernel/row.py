@@ -169,13 +169,15 @@ def kinetic(group: Group, floors: Sequence[Any]) -> Any:
     return reduce(add, [0.5 * group.prop("m", i) * group.state["v", i] * group.state["v", i] for i in all_of_it])
 
 
-def strain(group: Group, floors: Sequence[Any]) -> Any:
-    """u'Ku/2 of a building, of storeys that yield of their elastic parts."""
+def strain(group: Group, floors: Sequence[Any], about_rest: bool = False) -> Any:
+    """u'Ku/2 of a building, of storeys that yield of their elastic parts, or about the drifts at which they rest."""
     terms, below, base = [], None, group.spec.base_of(floors[0])
     for i in floors:
         storey = Storey(group, i, below) if base is None else group.storey(i)
         below, drift = i, storey.drift()
-        if group.yields(i):
+        if group.yields(i) and about_rest:
+            drift = drift - (1.0 - storey.hardening) * storey.slip
+        if group.yields(i) and not about_rest:
             (hard, soft), z = storey.hardened, drift - storey.slip
             terms.append(0.5 * (hard * drift * drift + soft * z * z))
         else:

@@ -45,6 +45,7 @@ TOLERANCES: dict[str, dict[str, float]] = {
 PARAMETERS = {
     "motion": "float64[::1]",
     "length": "float64",
+    "record": "int64",
     "steps": "int64",
     "substeps": "int64",
     "constants": "{real}[::1]",
@@ -61,7 +62,7 @@ PARAMETERS = {
     "flight": "int64",
 }
 #: Whole numbers before the variables that it shares with its flight, and of all.
-N_ARGUMENTS, FRAME = 32, 32 + 8 * 16
+N_ARGUMENTS, FRAME = 32, 32 + 9 * 16
 #: Largest product of sub-step and contact rate in located explicit schemes: stiffer ones get sub-steps.
 CONTACT_CAP = 0.25
 #: The same of `exact`, whose stages are of fifth order.
@@ -203,6 +204,11 @@ class KernelSpec:
         return (self,) if self.flight is None else (self.flight, self)
 
     @property
+    def rest_is_bounded(self) -> bool:
+        """Whether bounds of a free vibration about where the row rests tell when nothing that is reported changes."""
+        return not (self.smooth or (self.yielding and self.links) or "links" in self.reducers)
+
+    @property
     def impulsive(self) -> bool:
         """Whether velocities jump where floors meet."""
         return self.law is not None and self.law.impulsive
@@ -341,8 +347,8 @@ class Slots:
 
 @lru_cache(maxsize=64)
 def input_slots(shape: KernelSpec) -> Slots:
-    """Layout of the values a scenario brings: record scale, contact stiffness, gaps, damping."""
-    count = {"scale": 1}
+    """Layout of the values a scenario brings: record scale, intervals of rest, contact stiffness, gaps, damping."""
+    count = {"scale": 1, "rests": 1}
     if shape.contacts:
         count["gap"] = shape.n_gaps
     if shape.law is not None:
@@ -364,7 +370,7 @@ def property_slots(shape: KernelSpec) -> Slots:
     count |= {"geometric": floors} if shape.p_delta else {}
     count |= {"drift_limit": floors} if shape.falling else {}
     count |= dict.fromkeys(("wen_beta", "wen_gamma", "wen_limit"), floors) if shape.smooth else {}
-    count |= dict.fromkeys(("cap", "newmark_beta", "newmark_gamma"), 1)
+    count |= dict.fromkeys(("cap", "newmark_beta", "newmark_gamma", "settles"), 1)
     # shares of a push on columns, of the floor above and below
     count |= dict.fromkeys(("upper", "lower"), contacts) if shape.struck else {}
     count |= {"dashpot": moving} if shape.dashpots or shape.foundations else {}
@@ -392,6 +398,7 @@ def history_slots(shape: KernelSpec) -> Slots:
 def result_slots(shape: KernelSpec, reducers: Sequence[Any]) -> Slots:
     """Layout of a scenario's results: those of all kernels, then those of kernels with contacts."""
     count = {"flags": 1}  # bits `FLAG_...` of `kernel.march`
+    count |= {"ended": 1} if shape.history else {}  # steps in all
     for touch in (False, True):
         if touch and shape.law is not None:
             count["shortest"] = len(shape.laws)  # shortest contact (s) of each law, by its elastic duration

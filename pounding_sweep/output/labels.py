@@ -264,6 +264,7 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         "method": plan.numerics.method,
         "precision": plan.numerics.precision,
         "located": spec.locate,
+        "rest": spec.rest,
         "restitution_basis": spec.restitution_basis,
         "unit_system": "kN, t, m, s",
         "sweep": to_json(spec),

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, unknown
-from pounding_sweep.kernel import bouc_wen, hysteresis, links
+from pounding_sweep.kernel import bouc_wen, hysteresis, links, rest
 from pounding_sweep.kernel.group import Contact, Group, Storey
 from pounding_sweep.kernel.lanes import maximum, where
 from pounding_sweep.kernel.peaks import Motion
@@ -214,8 +214,8 @@ SETTLED = 0.02
 #: How scenarios end, by the value of the status: what it means, and what to do.
 _ENDINGS = (
     (
-        "the scenario ran to the end of its record, and its step resolves contacts, buildings and ground by all rules "
-        "of the engine; where error_estimate is there, a run at another step agrees as well",
+        "the scenario ran to the end of its record and of the rest after it, and its step resolves contacts, buildings "
+        "and ground by all rules of the engine; where error_estimate is there, a run at another step agrees as well",
         "",
     ),
     (
@@ -294,7 +294,7 @@ def _energy_residual(results: KernelResults) -> np.ndarray:
     initial: np.ndarray | float = 0.0
     if results.initial_velocity is not None:
         initial = 0.5 * (results.variants.masses * np.square(results.initial_velocity)).sum(axis=1)
-    gained = raw["e_kin"] + raw["e_strain"] + raw["e_damp"]
+    gained = raw["e_held"] + raw["e_damp"]
     if "travel" in raw:
         gained = gained + hysteretic(results)
     left = raw["e_in"].sum(axis=1) - gained.sum(axis=1) + initial
@@ -346,9 +346,17 @@ def _shears(group: Group, straight: bool) -> Iterator[Motion]:
     for storey in hysteresis.iter_storeys(group, straight):
         i, of = storey.index, partial(_borne, storey, hysteresis.shear)
         # it turns with the drift, which is asked for too
-        yield Motion(("shear", i), None, True, of, shear=i, alone=False)
+        yield Motion(("shear", i), None, True, partial(_softness, storey, True), of, shear=i, alone=False)
     for storey in bouc_wen.iter_storeys(group):
-        yield Motion(("shear", storey.index), None, True, partial(_borne, storey, bouc_wen.shear))
+        soft = partial(_softness, storey, True)
+        yield Motion(("shear", storey.index), None, True, soft, partial(_borne, storey, bouc_wen.shear))
+
+
+def _softness(storey: Storey, of_shear: bool = False) -> Any:
+    """Square of the largest elastic drift, or shear with what the weights push, over twice the energy."""
+    k = storey.group.full(storey.stiffness)
+    borne = k + storey.geometric if storey.group.spec.p_delta else k
+    return borne * borne / k if of_shear else 1.0 / k
 
 
 def _borne(storey: Storey, shear: Callable[[Storey, Any], Any], name: Any = "u") -> Any:
@@ -436,22 +444,23 @@ DEFINITIONS = {
     "force jumps at a touch, the limit just after it counts; where velocities jump, the jump itself does not.",
     "ductility_max": "Largest absolute interstorey displacement over the yield drift Vy / k (ductility demand mu); "
     "missing where a storey has no yield strength.",
-    "residual_drift": "Signed interstorey displacement at which the building comes to rest after the end of the "
+    "residual_drift": "Signed interstorey displacement at which the building comes to rest after the "
     "record (RID, times the storey height): no storey shear is left. 0 where a storey has not yielded; missing where "
     "it falls under the weight above it, and of storeys of Bouc and Wen.",
     "impact_force_max": "Largest contact force, pressing positive, 0 where the floors never touched; where the force "
     "jumps at a touch, the limit just after it counts. Missing where floors touched under a law without a force "
     "(velocities jump).",
-    "impact_count": "Number of onsets of contact, the penetration d = u_left - u_right - gap going from <= 0 to > 0.",
+    "impact_count": "Number of onsets of contact until the row is at rest, the penetration d = u_left - u_right - gap "
+    "going from <= 0 to > 0.",
     "penetration_max": "Largest positive penetration d = u_left - u_right - gap, 0 where the floors never touched. "
     "Missing where floors touched under a law without a force (velocities jump).",
-    "impulse": "Time integral of the contact force over the whole record.",
+    "impulse": "Time integral of the contact force until the row is at rest.",
     "first_impact_time": "Time of the first onset of contact after the first point of the record; missing where there"
     " was none.",
     "approach_speed_max": "Largest rate of the penetration d at an onset of contact, 0 where the floors never touched.",
-    "contact_time": "Total time in contact, from each onset to the release (d > 0), 0 where the floors never touched;"
-    " impulse over it is the mean contact force. Where velocities jump, the time that floors rest on each other, "
-    "which is rough where they are hardly pressed.",
+    "contact_time": "Total time in contact until the row is at rest, from each onset to the release (d > 0), 0 where "
+    "the floors never touched; impulse over it is the mean contact force. Where velocities jump, the time that floors "
+    "rest on each other, which is rough where they are hardly pressed.",
     "column_shear_bottom_max": "Largest shear that the contact force F brings into the struck columns between their "
     "lower end and the struck point, N1 F with N1 = 1 - 3 xi^2 + 2 xi^3; that of the storey's drift comes on top. "
     "Missing where floors meet.",
@@ -464,23 +473,25 @@ DEFINITIONS = {
     "missing where it has none. The sway spring's largest force is K_h times it.",
     "foundation_rotation_max": "Largest absolute rotation of the building's foundation in its rocking; missing where "
     "it has none. The rocking spring's largest moment is K_theta times it.",
-    "energy_input": "Energy put in by the ground until the end of the record, -int m ag v dt with v relative to the "
-    "ground; its foundation included.",
-    "energy_damping": "Energy lost in the building's own damping, dashpots and its foundation included, until the end"
-    " of the record, int v'Cv dt.",
-    "energy_kinetic": "Kinetic energy v'Mv/2 of the motion relative to the ground, at the end of the record; "
+    "energy_input": "Energy put in by the ground until it is at rest, -int m ag v dt with v relative to the ground; "
+    "its foundation included.",
+    "energy_damping": "Energy lost in the building's own damping, dashpots and its foundation included, until it is at"
+    " rest, int v'Cv dt.",
+    "energy_kinetic": "Kinetic energy v'Mv/2 of the motion relative to the ground, at the last point of the record; "
     "foundation included.",
-    "energy_strain": "Elastic strain energy u'Ku/2 at the end of the record; of storeys that yield, hardening k d^2/2"
-    " + (1 - hardening) k z^2/2 of the drift d and z = d - p. With P-Delta less what weights have given, P d^2 / (2 "
-    "h); springs of its foundation included.",
-    "hysteretic_energy": "Energy lost in yielding of the building's storeys until the end of the record, (1 - "
+    "energy_held": "Energy that the building holds at the end of the run: at rest that of storeys that have yielded "
+    "unevenly, 0 where all is elastic; with rest = 0 kinetic and strain energy.",
+    "energy_strain": "Elastic strain energy u'Ku/2 at the last point of the record; of storeys that yield, hardening "
+    "k d^2/2 + (1 - hardening) k z^2/2 of the drift d and z = d - p. With P-Delta less what weights have given, "
+    "P d^2 / (2 h); springs of its foundation included.",
+    "hysteretic_energy": "Energy lost in yielding of the building's storeys until it is at rest, (1 - "
     "hardening) int k z dp, z the drift less its plastic part p.",
-    "energy_links": "Energy that the building has given to its links until the end of the record, negative where it "
+    "energy_links": "Energy that the building has given to its links until it is at rest, negative where it "
     "has taken it; the sum over buildings is what the links' springs hold and their dashpots have lost.",
     "energy_transfer_max": f"Largest value over time of the transfer, {_TRANSFER}.",
     "energy_transfer_min": f"Smallest value over time of the transfer, {_TRANSFER}; negative where the building has "
     "taken energy through its contacts.",
-    "contact_work": "Work the contacts of the pair took in until the end of the record, int F d' dt.",
+    "contact_work": "Work the contacts of the pair took in until the row is at rest, int F d' dt.",
     "closing_max": "Largest u_left - u_right; in a run without pounding, the gap that would just not be touched.",
     "time_step": "Time step of the scenario; in every cube whose steps were chosen for an accuracy, scenario by "
     "scenario.",
@@ -501,9 +512,9 @@ DEFINITIONS = {
     "there is none.",
     "run": "Number of the run that answers the scenario, from 1 in the order of the cube; scenarios of one number "
     "have one result, which counts once in statistics. 0: there is none.",
-    "energy_residual": "|sum of the buildings' transfers - sum of the contacts' works| at the end of the record, over"
-    " the largest absolute value among the energies of the balance (input, damping, kinetic, strain, yielding, "
-    "contact work); what links hold and lose counts as work.",
+    "energy_residual": "|sum of the buildings' transfers - sum of the contacts' works| at the end of the run, over the "
+    "largest absolute value among the energies of the balance (input, damping, held, yielding, contact work); what "
+    "links hold and lose counts as work.",
     "steps_per_contact": "Time steps in the shortest contact, by the duration of an elastic contact of its stiffness,"
     " effective mass and approach velocity; missing where nothing touched.",
 }
@@ -517,7 +528,9 @@ REDUCERS: dict[str, Reducer] = {
             "displacement",
             tuple(Slot(name, "floor", lambda group, i: group.state["u", i]) for name in ("umax", "umin")),
             follows=lambda group, straight: (
-                Motion(("umax", i), ("umin", i), False, partial(group.floor, i=i))
+                Motion(
+                    ("umax", i), ("umin", i), False, partial(group.floor, "flexibility", i), partial(group.floor, i=i)
+                )
                 for i in group.indices(group.spec.n_dof, straight)
             ),
         ),
@@ -525,7 +538,7 @@ REDUCERS: dict[str, Reducer] = {
             "drift",
             (Slot("drift", "floor"),),
             follows=lambda group, _: (
-                Motion(("drift", storey.index), None, True, storey.drift)
+                Motion(("drift", storey.index), None, True, partial(_softness, storey), storey.drift)
                 for storey in group.iter_storeys(range(group.spec.n_dof))
             ),
         ),
@@ -538,8 +551,9 @@ REDUCERS: dict[str, Reducer] = {
             (Slot("link_force", "link"),),
             where="linked",
             follows=lambda group, _: (
-                Motion(("link_force", j), None, True, partial(links.motion, group, j, ends), pulls=True)
+                Motion(row, None, True, partial(rest.of_link, group, j, ends), of, pulls=True)
                 for j, ends in group.iter_links()
+                for row, of in [(("link_force", j), partial(links.motion, group, j, ends))]
             ),
             step=links.sample,
         ),
@@ -548,7 +562,7 @@ REDUCERS: dict[str, Reducer] = {
             (Slot("sway", "base"), Slot("rotation", "base")),
             where="founded",
             follows=lambda group, _: (
-                Motion((name, q), None, True, partial(group.floor, i=i))
+                Motion((name, q), None, True, partial(_softness, Storey(group, i, None)), partial(group.floor, i=i))
                 for q, b in enumerate(group.spec.foundations)
                 for name, i in zip(("sway", "rotation"), group.spec.base(b) or (), strict=True)
             ),
@@ -558,7 +572,7 @@ REDUCERS: dict[str, Reducer] = {
             (Slot("closing", "contact"),),
             where="neighbours",
             follows=lambda group, straight: (
-                Motion(("closing", contact.index), None, False, contact.between)
+                Motion(("closing", contact.index), None, False, partial(rest.between, contact), contact.between)
                 for contact in group.iter_contacts(straight, touching=False)
             ),
         ),
@@ -579,7 +593,7 @@ REDUCERS: dict[str, Reducer] = {
             touch=lambda contact, lanes, _, speed, time: contact.put(lanes, vmax=maximum(contact.vmax, speed)),
         ),
         Reducer("time", (Slot("tclosed", "contact"),), where="touch", substep=_closed_substep, plain=_closed),
-        Reducer("energy", tuple(Slot(name, "building") for name in ("e_in", "e_damp", "e_kin", "e_strain"))),
+        Reducer("energy", tuple(Slot(name, "building") for name in ("e_in", "e_damp", "e_kin", "e_strain", "e_held"))),
         Reducer("hysteretic", (Slot("travel", "floor"),), where="yields"),
         Reducer(
             "links", (Slot("e_link", "building"), Slot("link_lost", "link"), Slot("link_held", "link")), where="linked"
@@ -642,8 +656,9 @@ _VARIABLES = (
     _base("foundation_rotation_max", "rad", "largest rotation of the foundation", "rotation"),
     _energy("energy_input", "kN m", "energy input", "e_in"),
     _energy("energy_damping", "kN m", "energy lost in damping", "e_damp"),
-    _energy("energy_kinetic", "kN m", "kinetic energy at the end", "e_kin"),
-    _energy("energy_strain", "kN m", "strain energy at the end", "e_strain"),
+    _energy("energy_kinetic", "kN m", "kinetic energy at the end of the record", "e_kin"),
+    _energy("energy_strain", "kN m", "strain energy at the end of the record", "e_strain"),
+    _energy("energy_held", "kN m", "energy held at the end of the run", "e_held", relative_to=[("energy_input",)]),
     _energy(
         "hysteretic_energy",
         "kN m",

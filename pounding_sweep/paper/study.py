@@ -103,8 +103,7 @@ OUTPUTS = (
     "first_impact_time",
     "energy_input",
     "energy_damping",
-    "energy_kinetic",
-    "energy_strain",
+    "energy_held",
     "energy_transfer_max",
     "energy_transfer_min",
     "contact_work",
@@ -138,6 +137,7 @@ def sweep_of(reading: Reading, records: Sequence[Record], step: float = STEP, au
         restitutions=[RESTITUTION],
         method=METHOD,
         dt=step,
+        rest=0.0,
         outputs=OUTPUTS,
         audit=audit,
         title=f"Mate, Bakre & Jaiswal (2015), {reading.label}: Models I to VII",
@@ -195,7 +195,7 @@ PERIODS = np.geomspace(0.02, 3.0, 150)
 
 def step_errors(reading: Reading, progress: Progress) -> xr.Dataset:
     """Measure what each scheme and step errs by, in the response that the paper varied the step for."""
-    sweep = Sweep(reading.preset, "el_centro", "linear", gaps=[GAP], outputs=list(STEP_OUTPUTS))
+    sweep = Sweep(reading.preset, "el_centro", "linear", gaps=[GAP], rest=0.0, outputs=list(STEP_OUTPUTS))
     choices: Any = {"methods": ("rk4", "newmark"), "precisions": ("float64",), "scenarios": 1, "repeats": 1}
     trade = tradeoff(sweep, steps=STEPS_COMPARED, progress=progress, **choices)
     one = trade[["scenario_error", "scenario_status"]].isel(scenario=0, precision=0, drop=True)
@@ -221,6 +221,7 @@ def hertz_fit(records: Sequence[Record]) -> xr.Dataset:
         restitutions=[RESTITUTION],
         method=METHOD,
         dt=STEP,
+        rest=0.0,
         outputs=OUTPUTS,
         audit=0.0,
     ).run()
@@ -240,7 +241,7 @@ def force_fit(force: xr.DataArray) -> xr.Dataset:
 def scenario(reading: Reading, record: Record, law: str) -> xr.Dataset:
     """Run one of the paper's scenarios with full histories; see `pounding_sweep.simulate`."""
     restitution = RESTITUTION if get_law(law).takes_restitution else None
-    return simulate(reading.preset, record, law=law, restitution=restitution, method=METHOD, dt=STEP)
+    return simulate(reading.preset, record, law=law, restitution=restitution, method=METHOD, dt=STEP, rest=0.0)
 
 
 def thin_out(one: xr.Dataset) -> xr.Dataset:
@@ -311,7 +312,7 @@ def study(cubes: Sequence[xr.Dataset] = (), *, folders: Folders = None, progress
     progress.stage("time steps", 0)
     steps = combine(step_errors(reading, progress) for reading in readings)
     progress.stage("Hertz stiffness", 0)
-    motions = records_dataset(records).merge(response_spectrum(records, PERIODS, DAMPING))
+    motions = records_dataset(records).merge(response_spectrum(records, PERIODS, DAMPING, rest=0.0))
     return Study(cube, tuple(records), missing, motions, histories, error, steps, hertz_fit(records))
 
 

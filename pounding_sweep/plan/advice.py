@@ -29,7 +29,7 @@ from pounding_sweep.plan.scenarios import Scenarios, stable_steps
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.spec import PRECISIONS, SweepSpec, step_fault
+from pounding_sweep.spec.spec import PRECISIONS, SweepSpec, seconds_of_rest, step_fault
 
 #: Variants whose motions are estimated at a time, and points of a record times variants.
 _BLOCK = 4096
@@ -52,7 +52,10 @@ def highest_frequency(row: Scene | Variants) -> np.ndarray:
 
 
 def approach_speeds(row: Scene | Variants, record: Record) -> np.ndarray:
-    """Estimate how fast the neighbours of each pair approach each other (m/s), shape (variants, pairs)."""
+    """Estimate how fast the neighbours of each pair approach each other (m/s), and at most in the rest after a record.
+
+    Of shape (variants, pairs).
+    """
     variants = variants_of(row)
     first, which = variants.flights()
     parts = [_pair_speeds(variants[first[k : k + _BLOCK]], record) for k in range(0, len(first), _BLOCK)]
@@ -62,7 +65,7 @@ def approach_speeds(row: Scene | Variants, record: Record) -> np.ndarray:
 def _pair_speeds(variants: Variants, record: Record) -> np.ndarray:
     """Largest difference of the roof velocities of neighbours in their first modes (m/s), shape (pairs, n)."""
     scene = variants.scene
-    h, ground = record.dt, record.acceleration
+    h, ground = record.dt, np.append(record.acceleration, 0.0)  # in one more step the ground comes to rest
     moving = [isinstance(item, Building) for item in scene.row]
     frequency = np.stack([variants.frequencies[b][:, 0] for b in range(len(scene.buildings))])
     damping = np.stack([variants.modal_damping(b)[:, 0] for b in range(len(scene.buildings))])
@@ -93,7 +96,9 @@ def _pair_speeds(variants: Variants, record: Record) -> np.ndarray:
         velocities = np.zeros((len(states), len(moving), len(variants)))  # walls stand still
         velocities[:, moving] = (root * states).imag * participation
         fastest = np.maximum(fastest, np.abs(np.diff(velocities, axis=1)).max(axis=0))
-    return fastest
+    left = np.zeros((len(moving), len(variants)))
+    left[moving] = np.abs(root * state * participation)
+    return np.maximum(fastest, left[1:] + left[:-1])
 
 
 def shortest_contact(
@@ -311,7 +316,7 @@ class Demand:
         steps = iter(_STEPS.tolist())
         while not result.all():
             count = next(steps)
-            numerics = Numerics(method, record.dt / count)
+            numerics = Numerics(method, record.dt / count, rest=seconds_of_rest(self.spec.rest))
             if not loses_ground(record, numerics):
                 result[(result == 0) & (phase_error(self.variants, record, numerics) <= limit)] = count
         return result
@@ -391,4 +396,4 @@ def advise(demand: Demand) -> tuple[Numerics, np.ndarray, np.ndarray, str, dict[
     largest = float((interval / uncoupled.min(axis=1)).max())
     settings = (spec.locate, spec.beta, spec.gamma, precision, _refinement(method, need))
     sentence = f"{demand.accuracy:g}: {' '.join(scheme)}, {number} per record interval to begin with{more}"
-    return Numerics(method, largest, *settings), steps, uncoupled, sentence, numbers
+    return Numerics(method, largest, *settings, seconds_of_rest(demand.spec.rest)), steps, uncoupled, sentence, numbers

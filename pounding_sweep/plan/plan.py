@@ -38,7 +38,14 @@ from pounding_sweep.plan.scenarios import (
     uncoupled_runs_of,
     unique_scenarios,
 )
-from pounding_sweep.spec.spec import DEFAULT_ACCURACY, SweepSpec, digest, with_accuracy, with_default_scheme
+from pounding_sweep.spec.spec import (
+    DEFAULT_ACCURACY,
+    SweepSpec,
+    digest,
+    seconds_of_rest,
+    with_accuracy,
+    with_default_scheme,
+)
 
 #: Storeys of a building up to which it may be taken for a chain of storeys unasked.
 _FEW_STOREYS = 3
@@ -311,7 +318,8 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
         assert spec.dt is not None
         assert spec.precision is not None
         choice = [f"none: {spec.method} at steps of {spec.dt:g} s{reason}", None] if is_open else []
-        numerics = Numerics(spec.method, spec.dt, spec.locate, spec.beta, spec.gamma, spec.precision)
+        settings = spec.locate, spec.beta, spec.gamma, spec.precision
+        numerics = Numerics(spec.method, spec.dt, *settings, rest=seconds_of_rest(spec.rest))
         of_record = np.array([numerics.steps(record) for record in spec.records], np.int32)
         uncoupled = np.broadcast_to(of_record[:, None], (len(of_record), len(variants)))
         steps = of_record[table.record]

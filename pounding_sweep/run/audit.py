@@ -138,7 +138,7 @@ def exact_kernel(plan: Plan) -> Callable[[RowKernel], RowKernel] | None:
     able = [name for name in names if SCHEMES[name].refuses(plan.spec.scene) is None]
     if plan.numerics.method in names or not able:
         return None
-    numerics = Numerics(able[0], min(EXACT_STEP, plan.numerics.dt))
+    numerics = Numerics(able[0], min(EXACT_STEP, plan.numerics.dt), rest=plan.numerics.rest)
     return lambda kernel: replace(kernel, numerics=numerics)
 
 

@@ -59,6 +59,9 @@ def histories(kernel: RowKernel, states: np.ndarray, record: Record, time: np.nd
     masses, base = np.hstack([row.masses, row.base_masses])[0], row.base_stiffnesses[0]
     alpha, beta = (factor[0, owner] for factor in row.rayleigh_factors)
 
+    # in one more step of the record the ground comes to rest
+    ground = np.append(record.time, record.duration + record.dt), np.append(record.acceleration, 0.0)
+
     # storeys: the elastic part, and that which may yield
     drift, plastic, soft = moved @ drifts.T, part.get("slip", 0.0), 1.0 - row.hardenings[0]
     stiffnesses = row.stiffnesses[0]
@@ -88,7 +91,7 @@ def histories(kernel: RowKernel, states: np.ndarray, record: Record, time: np.nd
         "displacement": u,
         "velocity": v,
         "acceleration": on_floors / masses[:n],
-        "ground_acceleration": np.interp(time, record.time, record.acceleration)[:, None],
+        "ground_acceleration": np.interp(time, *ground)[:, None],
         "input": part["e_in"],
         "damping": part["e_damp"],
         "kinetic": kinetic,

@@ -100,12 +100,13 @@ def run_once(task: ChunkTask) -> Values:
             return {name: np.concatenate([part[name] for part in results])[order] for name in results[0]}
     states = None
     if kernel.history:
-        instants = (record.n_points - 1) * kernel.numerics.steps(record) + 1
+        rest = int(kernel.intervals_of_rest(record, variants, table.gaps).max())
+        instants = (record.n_points - 1 + rest) * kernel.numerics.steps(record) + 1
         states = np.zeros((instants, max(1, history_slots(kernel.shape).size)))
     lanes = {name: getattr(table, name) for name in ("scale", "gaps", "stiffness", "restitution")}
     raw = kernel.run(record, **lanes, variants=variants, history=states)
     result = variables_of(kernel, raw, outputs, record, variants)
-    return result if states is None else {**result, STATES: states[None]}
+    return result if states is None else {**result, STATES: states[None, : int(raw["ended"][0, 0]) + 1]}
 
 
 def differences(outputs: Sequence[str], coarse: Values, fine: Values, leeway: float | np.ndarray = 1.0) -> np.ndarray:

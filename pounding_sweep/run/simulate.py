@@ -45,6 +45,7 @@ def simulate(
     method: str | None = None,
     dt: float | None = None,
     locate: bool = True,
+    rest: float | str = "auto",
     initial_velocity: Sequence[Any] | None = None,
     beta: float | None = None,
     gamma: float | None = None,
@@ -70,7 +71,7 @@ def simulate(
         Contact stiffness (kN/m**exponent); the scene's reference where not given.
     restitution : float, optional
         Coefficient of restitution; the scene's where not given.
-    method, dt, locate, beta, gamma, force_unstable, restitution_basis, precision, accuracy
+    method, dt, locate, rest, beta, gamma, force_unstable, restitution_basis, precision, accuracy
         As of `pounding_sweep.spec.build.build_spec`: by default an accuracy of 1e-3, by the cheapest scheme that
         reaches it; in "float64".
     initial_velocity : sequence, optional
@@ -123,6 +124,7 @@ def simulate(
         method=method,
         dt=dt,
         locate=locate,
+        rest=rest,
         beta=beta,
         gamma=gamma,
         force_unstable=force_unstable,
@@ -165,6 +167,7 @@ def simulate(
         "precision": kernel.numerics.precision,
         "time_step": step,
         "located": spec.locate,
+        "rest": spec.rest,
         "unit_system": "kN, t, m, s",
         "scene": json.dumps(json_data(row), sort_keys=True, separators=(",", ":"), allow_nan=False),
     }
@@ -178,7 +181,7 @@ def simulate(
     dataset = assemble(row, {}, variables, attributes, gap)
     if int(variables["status"]) != Status.DIVERGED:
         every = max(1, int(output_step / step * (1.0 + 1e-9))) if output_step is not None else 1
-        time = np.linspace(0.0, motion.duration, len(states))
+        time = step * np.arange(len(states))
         fall = np.fmin.reduce(variables.get("collapse_time", [np.inf]), initial=np.inf)
         end = int(np.searchsorted(time, fall, "right"))
         dataset = dataset.assign(histories(kernel, states[:end:every], motion, time[:end:every]))
@@ -309,7 +312,7 @@ def simulate_one(
             "stiffness factor on the scene's reference"
         )
     stiffness = contact_stiffness(scene, law, stiffness=chosen.stiffness, stiffness_factor=chosen.stiffness_factor)
-    settings = ["method", "dt", "accuracy", "locate", "force_unstable", "restitution_basis", "precision"]
+    settings = ["method", "dt", "accuracy", "locate", "rest", "force_unstable", "restitution_basis", "precision"]
     settings += SCHEMES[spec.method].parameters if spec.method else ()
     one = simulate(
         scene,

@@ -74,6 +74,6 @@ class Scheme(ABC):
     def plain(self, group: Group, h: Any) -> Callable[[], None]:
         """Take a step of all lanes whose contacts follow from the present state alone; returns what adds energies."""
 
-    def march(self, group: Group, ground: Any, note: Callable[[Any], None] | None) -> None:
-        """Take a lane group over the record; `note` is told of each row of a history."""
-        FixedSteps(group, ground, note).run()
+    def march(self, group: Group, ground: Any, note: Any, leave: Callable[[Any], None]) -> None:
+        """Take a lane group over the record; `note` is told of each row of a history, `leave` of lanes at their end."""
+        FixedSteps(group, ground, note, leave).run()

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import collapse, forces, hysteresis, march, series
+from pounding_sweep.kernel import collapse, forces, hysteresis, march, rest, series
 from pounding_sweep.kernel.flight import Flight
 from pounding_sweep.kernel.group import BENDS, Group
 from pounding_sweep.kernel.lanes import (
@@ -28,6 +28,7 @@ from pounding_sweep.kernel.lanes import (
     fma,
     iter_lanes,
     lane_of,
+    lesser,
     not_,
     real,
     rounded,
@@ -150,8 +151,8 @@ class Course:
     """How far the scenario of each lane has come: what flight and the steps beside contacts share."""
 
     def __init__(self, group: Group, cell: Callable[[Any], Cell]) -> None:
-        #: Of each lane: short steps done, and the number of its scenario.
-        self.at, self.scenario = (cell(group.full(0)) for _ in range(2))
+        #: Of each lane: short steps done and in all, and the number of its scenario.
+        self.at, self.last, self.scenario = (cell(group.full(0)) for _ in range(3))
         #: Whether it has one, short steps that are left of flight's, and whether it leaves its steps.
         self.busy, self.left = (cell(group.full(0.0)) for _ in range(2))
         self.leaves = cell(group.full(True))
@@ -193,9 +194,16 @@ class Turns:
 
     def _finish(self, lane: Any) -> None:
         """Keep the results of the scenario of a lane, which is at its end."""
-        march.conclude(self.group)
+        at, end = self.course.at.lane(lane), self.ground.record * self.ground.steps
+        for _ in when(at < end) if self.group.spec.falling else ():
+            rest.note_energies(self.group, self._only(lane))
+        march.conclude(self.group, self._only(lane), at)
         for row, place, column in self._scenario_rows(self.results, self.course.scenario.lane(lane)):
             self.results.put_lane(place, column, self.group.state.lane(row, lane))
+
+    def _only(self, lane: Any) -> Any:
+        """Return one lane as a mask."""
+        return side_by_side(self.group.trace, range(self.group.lanes)) == real(lane)
 
     def _scenario_rows(self, rows: Rows, number: Any) -> Iterator[tuple[Any, Any, Any]]:
         """Go through the rows of a scenario: the row of the state, its own, and its lane."""
@@ -211,10 +219,12 @@ class Turns:
             group.state.put_lane(row, lane, 0.0)
         for row, place, column in self._scenario_rows(self.inputs, number):
             group.state.put_lane(row, lane, self.inputs.lane(place, column))
-        for cell, x in ((course.scenario, number), (course.busy, 1.0), (course.at, 0)):
+        intervals = self.ground.record + rounded(group.state.lane(group.state.first["rests"], lane))
+        last = intervals * self.ground.steps
+        for cell, x in ((course.scenario, number), (course.busy, 1.0), (course.at, 0), (course.last, last)):
             cell.put_lane(lane, x)
         course.next.now = number + 1
-        march.begin(group, self.ground.start(), side_by_side(group.trace, range(group.lanes)) == real(lane))
+        march.begin(group, self.ground.start(), self._only(lane))
         if self.note is not None:
             self.note(constant(0))
 
@@ -250,20 +260,33 @@ class Flights(Turns):
                 for _ in when(has.now):
                     flight.advance_free(lane, note_point)
                     flight.to_floors(lane, flight.at.now)
+                    course.at.put_lane(lane, flight.at.now * self.short)
                     # a record of one point has no step
-                    hits = flight.hits.now & (flight.at.now < self.ground.intervals * self.ground.substeps)
+                    hits, at = flight.hits.now & (flight.at.now < flight.last.now), flight.at.now
+                    over = flight.quiet.now | not_(at * self.short < course.last.lane(lane))
                     for _ in when(hits):
-                        course.at.put_lane(lane, flight.at.now * self.short)
                         course.left.put_lane(lane, real(self.short))
                         self.settled.now = True
                     for _ in when(not_(hits)):
-                        self._finish(lane)
-                        has.now = False
+                        for _ in when(at == self.ground.record * self.ground.substeps):
+                            rest.note_energies(self.group, self._only(lane))
+                        for _ in when(over):
+                            self._finish(lane)
+                            has.now = False
+                        for _ in when(not_(over)):
+                            self._leave(lane, at)
 
     def _leave(self, lane: Any, point: Any) -> None:
-        """Take the scenario of a lane into flight, by the tables of its row of buildings."""
+        """Take the scenario of a lane into flight, by the tables of its row of buildings, as far as the ground goes."""
         s, number, flight, inputs = self.group.state, self.course.scenario.lane(lane), self.flight, self.inputs
+        last, ground = self.course.last.lane(lane) // self.short, self.ground
+        end, still = (n * ground.substeps for n in (ground.record, ground.intervals))
         flight.scale.now = s.lane(s.first["scale"], lane)
+        flight.last.now = lesser(last, end if "energy" in self.group.requested else still)
+        for _ in when(not_(point < end)):
+            flight.last.now = lesser(last, still)
+        for _ in when(not_(point < still)):
+            flight.last.now, flight.scale.now = last, 0.0
         row, block = number * 0, number // LANES
         if "tables" in inputs.first:
             row = rounded(inputs.lane(block * inputs.size + inputs.first["tables"], number - block * LANES))
@@ -296,7 +319,7 @@ def run_scenarios(
             serve()
         more.now = any_lane(course.busy.now > 0.0)
         for _ in when(more.now) if group.has_events else ():
-            more_steps = course.at.now < last  # a record of one point has none
+            more_steps = course.at.now < course.last.now  # a record of one point has none
             starts = (course.busy.now > 0.0) & ~(s["time_left"] > 0.0) & more_steps
             with when_any(starts):
                 march.begin_step(group, starts, ground_at(course.at.now), ground_at(course.at.now + 1), ground.h)
@@ -309,8 +332,10 @@ def run_scenarios(
                 left = course.left.now - 1.0
                 full_step = over & ~(left > 0.0)
                 course.left.now = where(full_step, real(short), where(over, left, course.left.now))
-                closed, ends = forces.is_closed(group), over & (at >= last)
-                ends = over & ((at >= last) | ~collapse.stands(group)) if group.spec.falling else ends
+                closed, ends = forces.is_closed(group), over & (at >= course.last.now)
+                ends = over & (ends | ~collapse.stands(group)) if group.spec.falling else ends
+                with when_any(passes := over & (at == ground.record * ground.steps)):
+                    rest.note_energies(group, passes)
                 stays, ahead = Cell(closed), AHEAD * group.full(ground.long)
                 for contact in group.iter_contacts(straight=True):
                     stays.now |= fma(ahead, contact.between("v"), contact.penetration()) > 0.0

@@ -75,6 +75,7 @@ from pounding_sweep.spec.spec import (
     PRECISIONS,
     SweepSpec,
     case_variants,
+    check_rest,
     step_fault,
     sweep_error,
 )
@@ -115,6 +116,7 @@ class _Settings(Table):
     dt: Number | None = number("a number in s", None, gt=0.0)
     audit: Number = number("a number, the share of the cost spent on the audit", AUDIT_SHARE, ge=0.0, le=1.0)
     locate: Flag = key("true or false", True)
+    rest: Annotated[Any, AfterValidator(check_rest)] = key('"auto" or a number in s', "auto")
     force_unstable: Flag = key("true or false", False)
     beta: Number | None = number("a number", None, ge=0.0, le=0.5)
     gamma: Number | None = number("a number", None, ge=0.5, le=1.0)
@@ -758,6 +760,10 @@ def build_spec(**arguments: Any) -> SweepSpec:
         Time step (s); with a `method` 1e-3 by default, else the largest that reaches `accuracy`.
     locate : bool
         Split steps where a pair touches or separates.
+    rest : "auto" or float
+        How long (s) the run goes on after the last point of the record: "auto", until no peak that is reported can
+        grow and no pair can touch (see the theory), 0 not at all. In the first record step of it the ground comes to
+        rest.
     outputs : str or several, optional
         Variables; "default" (as by default), "all", or names.
     beta, gamma : float, optional

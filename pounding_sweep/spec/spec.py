@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.base.errors import SceneError, SweepError
+from pounding_sweep.model.faults import number_check
 from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.model.scene import Building, Contacts, Scene
 from pounding_sweep.model.variants import Variants, variants_of
@@ -35,6 +36,8 @@ DEFAULT_STEP = 1e-3
 AUDIT_SHARE = 0.05
 #: More scenarios than this are refused.
 MAX_SCENARIOS = 1_000_000_000
+#: Longest rest (s) that may be given.
+MOST_REST = 1e4
 #: What a sweep's JSON tells of each record.
 _OF_RECORD = ("name", "sha256", "pga", "dt", "n_points", "scale", "source")
 #: Problems that one message tells.
@@ -61,6 +64,7 @@ class SweepSpec(AxisValues):
     dt: float | None  # time step (s); None: chosen by the plan
     locate: bool  # whether steps are split where a pair touches or separates
     outputs: tuple[str, ...]  # variables of the cube
+    rest: float | str = "auto"  # time (s) after the record; "auto": until nothing changes any more
     #: parameters of Newmark's method
     beta: float = 0.25
     gamma: float = 0.5
@@ -111,6 +115,17 @@ class SweepSpec(AxisValues):
     def record(self, name: str) -> Record:
         """Return the record of that name; KeyError if the sweep has none."""
         return {record.name: record for record in self.records}[name]
+
+
+def check_rest(rest: Any) -> float | str:
+    """Return a rest that is valid: "auto" or a number of seconds."""
+    is_auto = isinstance(rest, str) and rest == "auto"
+    return rest if is_auto else number_check('"auto" or a rest after the record in s', ge=0.0, le=MOST_REST)(rest)
+
+
+def seconds_of_rest(rest: Any) -> float:
+    """Return the time (s) of a rest; infinite if it lasts until nothing changes any more."""
+    return math.inf if check_rest(rest) == "auto" else float(rest)
 
 
 def case_variants(scene: Scene, cases: Sequence[Case]) -> tuple[Variants, np.ndarray]:

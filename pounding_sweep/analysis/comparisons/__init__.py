@@ -84,7 +84,7 @@ COMPARISONS: dict[str, Comparison] = {
             "energy",
             "responses.energy",
             "where the energy of each building went, and whether transfers sum to the contacts' work",
-            needs="energy_input, energy_damping, energy_kinetic, energy_strain and contact_work",
+            needs="energy_input, energy_damping, energy_held and contact_work",
             columns=("law", "building", "pair"),
             lead=("transfer_share", "contact_work", "residual_relative"),
             figure="energy-budget",

@@ -282,14 +282,14 @@ def _statistics(cube: xr.Dataset, over: list[str], quantiles: Sequence[float]) -
 # -- energies ---------------------------------------------------------------------------------------------------------
 
 #: What each building's budget is made of.
-TERMS = ("energy_input", "energy_damping", "energy_kinetic", "energy_strain")
+TERMS = ("energy_input", "energy_damping", "energy_held")
 #: What cubes of rows that yield, and of rows with links, have beside.
 BESIDE = ("hysteretic_energy", "energy_links")
 
 
 @comparison("energy")
 def energy(cube: xr.Dataset) -> xr.Dataset:
-    """Draw up each building's energy budget at the end of the record, and check it against the contacts' work.
+    """Draw up each building's energy budget at the end of the run, and check it against the contacts' work.
 
     Parameters
     ----------
@@ -299,7 +299,7 @@ def energy(cube: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        On the cube's axes, all in kN m: `TERMS` and ``energy_transfer`` = input - damping - kinetic - strain (-
+        On the cube's axes, all in kN m: `TERMS` and ``energy_transfer`` = input - damping - held (-
         ``hysteretic_energy`` where storeys yield, - ``energy_links`` where neighbours are linked) by building (given to
         contacts, negative where taken), ``contact_work`` by pair, ``transfer_sum`` over buildings, ``work_sum`` over
         pairs and ``residual``, their difference; ``residual_relative`` is its size over the largest energy of the
@@ -314,7 +314,7 @@ def energy(cube: xr.Dataset) -> xr.Dataset:
     Examples
     --------
     >>> import xarray as xr
-    >>> energies = {"energy_input": 10.0, "energy_damping": 7.0, "energy_kinetic": 0.5, "energy_strain": 0.5}
+    >>> energies = {"energy_input": 10.0, "energy_damping": 7.0, "energy_held": 1.0}
     >>> cube = xr.Dataset({name: ("building", [value]) for name, value in energies.items()})
     >>> energy(cube.assign(contact_work=("pair", [2.0]))).energy_transfer.values.tolist()
     [2.0]

@@ -487,16 +487,16 @@ _PARTS: dict[str, dict[str, Any]] = {
     "energy_damping": {"label": "lost in damping", "color": COLOURS[1]},
     "hysteretic_energy": {"label": "lost in yielding", "color": COLOURS[4], "hatch": "xx"},
     "energy_links": {"label": "given to links", "color": COLOURS[3], "hatch": "--"},
-    "stored": {"label": "kinetic and strain at the end", "color": COLOURS[6], "hatch": ".."},
+    "energy_held": {"label": "held at the end", "color": COLOURS[6], "hatch": ".."},
     "energy_transfer": {"label": "given to neighbours and contacts", "color": COLOURS[2], "hatch": "//"},
 }
 
 
-@figure_of("energy-budget", "cube", "building, energy_input, energy_damping, energy_kinetic, energy_strain")
+@figure_of("energy-budget", "cube", "building, energy_input, energy_damping, energy_held")
 def energy_budget(cube: xr.Dataset) -> Figure:
     """Draw where the energy of each building went, law by law.
 
-    One bar per law that has values, at the end of the record. One panel per building: what was lost in damping (and
+    One bar per law that has values, at the end of the run. One panel per building: what was lost in damping (and
     in yielding, or given to links, where there are), what is left and what was given away, stacked; energy taken
     from neighbours hangs below zero. A line marks the input, which the bar's parts sum to. The last panel is the
     work that the contacts of each pair took. Of all axes but ``law`` the middle value is shown: an energy balance
@@ -504,7 +504,6 @@ def energy_budget(cube: xr.Dataset) -> Figure:
     """
     result, selection = select_default(result_of(cube, "energy"), ("law",), ["energy_input"])
     result = with_dims(result, "law", absent="").fillna(0.0)
-    result["stored"] = result["energy_kinetic"] + result["energy_strain"]
     buildings, x = result.sizes["building"], np.arange(result.sizes["law"])
     names = [fill(law_name(result, law), 16) for law in result["law"].values]
     longest = max(map(len, "\n".join(names).split("\n")))

@@ -1,0 +1,98 @@
+"""Free vibration after the record: what it can still change of what is reported, and what it loses until it is at rest.
+
+A row that vibrates freely loses energy: with E = v'Mv/2 + x'Kx/2 about the displacements at which it rests, no linear
+function w'x of the displacements exceeds sqrt(2 E w'K^-1 w), and none of the velocities sqrt(2 E w'M^-1 w).
+"""
+
+from __future__ import annotations
+
+from functools import reduce
+from operator import add
+from typing import Any
+
+from pounding_sweep.kernel import collapse, forces, hysteresis, links
+from pounding_sweep.kernel.group import Contact, Group, is_wall
+from pounding_sweep.kernel.lanes import size, sqrt, where
+from pounding_sweep.kernel.peaks import followed
+from pounding_sweep.kernel.row import kinetic, strain
+
+#: By what damping raises the bound of a total acceleration at most, squared: ratios of modes are below 0.86.
+DAMPED = 4.0
+
+
+def note_energies(group: Group, lanes: Any) -> None:
+    """Keep the energies that buildings hold at the last point of the record, in some lanes."""
+    for b, floors in group.iter_buildings() if "energy" in group.requested else ():
+        group.state.put(lanes, kinetic(group, floors), "e_kin", b)
+        group.state.put(lanes, strain(group, floors), "e_strain", b)
+
+
+def conclude(group: Group, lanes: Any) -> None:
+    """Let what buildings hold at the end go into their damping, if they come to rest, in some lanes."""
+    s, settles = group.state, group.full(group.prop("settles") if group.spec.rest_is_bounded else 0.0)
+    rests = s["rests"] > 0.0
+    settles = where(rests & collapse.stands(group) if group.spec.falling else rests, settles, 0.0)
+    for b, floors in group.iter_buildings() if "energy" in group.requested else ():
+        moves = kinetic(group, floors)
+        left = settles * (moves + strain(group, floors, about_rest=True))
+        s.put(lanes, s["e_damp", b] + left, "e_damp", b)
+        s.put(lanes, moves + strain(group, floors) - left, "e_held", b)
+    if "links" in group.requested:
+        links.conclude(group)
+
+
+def may_change(group: Group) -> Any:
+    """Lanes in which floors may still touch, storeys yield or fall, or a peak grow, the ground being at rest."""
+    spec, s = group.spec, group.state
+    twice, changes = group.cell(0.0), group.cell(False)
+    for _, floors in group.iter_buildings():
+        twice.now += 2.0 * (kinetic(group, floors) + strain(group, floors, about_rest=True))
+        base, flexible = spec.base_of(floors[0]), group.full(0.0)
+        for i in floors:
+            flexible = flexible + 1.0 / group.full(group.prop("k", i))
+            s["flexibility", i] = flexible
+            if base is not None:
+                sway, rocking = (1.0 / group.prop("k", j) for j in base)
+                s["flexibility", i] = flexible + (
+                    sway + group.prop("elevation", i) * group.prop("elevation", i) * rocking
+                )
+    for j, (left, right) in group.iter_links():
+        stretch = s["u", left] - s["u", right]
+        twice.now += group.prop("link_k", j) * stretch * stretch
+    if spec.yielding:
+        hysteresis.find_sets(group)
+        changes.now = hysteresis.is_yielding(group)
+    if group.touching:
+        changes.now |= forces.is_closed(group)
+    for contact in group.iter_contacts():
+        middle = contact.between("set") if spec.yielding else 0.0
+        changes.now |= middle + sqrt(twice.now * between(contact)) > contact.gap
+    for storey in hysteresis.iter_storeys(group):
+        reach = sqrt(twice.now / storey.stiffness)
+        changes.now |= size(storey.hardening * storey.slip) + reach > storey.yield_drift
+        if spec.falling:
+            changes.now |= size(storey.drift("set")) + reach > storey.drift_limit
+    for motion in followed(group, straight=False):
+        middle, reach = motion.of("set") if spec.yielding else 0.0, sqrt(twice.now * motion.soft())
+        changes.now |= (size(middle) if motion.sized else middle) + reach > s[motion.most]
+        if motion.least is not None:
+            changes.now |= middle - reach < s[motion.least]
+    for _, floors in group.iter_buildings() if "acceleration" in group.requested else ():
+        for at, i in enumerate(floors):
+            stiff = DAMPED * reduce(add, [group.prop("k", j) for j in floors[at : at + 2]])
+            for j, _ in group.iter_links():
+                stiff = stiff + DAMPED * group.prop("link_k", j)
+            changes.now |= group.prop("im", i) * sqrt(twice.now * stiff) > s["acc", i]
+    return changes.now
+
+
+def between(contact: Contact) -> Any:
+    """Square of the most by which a contact closes, over twice the energy; struck columns as the floor above them."""
+    floors = [floor for floor in contact.sides[:2] if not is_wall(floor)]
+    return reduce(add, [contact.group.state["flexibility", floor] for floor in floors])
+
+
+def of_link(group: Group, j: Any, ends: tuple[Any, Any]) -> Any:
+    """Square of the largest force of link j, over twice the energy."""
+    spring, damper = group.prop("link_k", j), group.prop("link_c", j)
+    return group.full(spring + damper * damper * (group.prop("im", ends[0]) + group.prop("im", ends[1])))
