@@ -346,6 +346,8 @@ def test_events_are_outputs():
         ({}, {"level": 1.0}, "takes no level"),
         ({}, {"event": "force", "level": 10.0}, "'impact_force_max', which this cube lacks"),
         ({}, {"event": "force", "level": -1.0}, "not -1"),
+        ({}, {"event": "drift", "level": "1%"}, "level '1%' of event 'drift' is in per cent, which drift_ratio"),
+        ({}, {"event": "drift_ratio", "level": "1%"}, "'drift_ratio_max', which this cube lacks"),
         ({}, {"confidence": 95}, r"confidence .*: 95 is not in \(0, 1\)"),
         ({}, {"levels": [0.0]}, r"levels \(m s-2\): 0 is not in \(0, inf\)"),
         ({}, {"quantiles": [1.0]}, r"quantiles of a fragility: 1 is not in \(0, 1\)"),

@@ -171,7 +171,7 @@ def test_a_table_has_no_column_that_is_the_same_in_all_rows(tmp_path):
         ("--event tuch", "unknown event 'tuch'; did you mean 'touch'? Valid: "),
         ("--event force", "event 'force' needs a level"),
         ("--level 3", "event 'touch' takes no level"),
-        ("--event drift --level 1%", "level '1%' is in per cent, which is for drift_ratio and roof_drift_ratio"),
+        ("--event drift --level 1%", "level '1%' of event 'drift' is in per cent, which drift_ratio and the like take"),
         ("--event drift --level x", "'x' is no number; give one, such as 0.01, or 1%"),
         ("--event drift_ratio --level 2", "level 2 of event 'drift_ratio' is 200%; give a ratio below 1"),
         ("--reference liner", "unknown reference law 'liner'; did you mean 'linear'? Valid: "),

@@ -233,7 +233,7 @@ def test_commands(cube, tmp_path):
     run("-o", demands, "--pelicun", "a", "--at", "law=hertz")
     for more, says in (
         (["-o", demands, "--limit-state", "a=touch"], "give -o FILE.xml"),
-        (["-o", xml, "--limit-state", "a=drift:x"], "'a=drift:x': 'x' is no number"),
+        (["-o", xml, "--limit-state", "a=drift:x"], "'x' is no number; give one"),
         (["-o", xml, "--table"], "--table is for tables"),
     ):
         assert says in run(*more, "--overwrite", code=2)

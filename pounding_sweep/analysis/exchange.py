@@ -37,7 +37,7 @@ _UNITS_OF = {"PID": "rad", "PFA": "g", "COLLAPSE": "unitless"}
 def export_nrml(
     cube: xr.Dataset,
     path: FilePath,
-    limit_states: Mapping[str, tuple[str, float | None]],
+    limit_states: Mapping[str, tuple[str, float | str | None]],
     *,
     intensity: str | None = None,
     folders: Any = None,
@@ -51,7 +51,7 @@ def export_nrml(
         A cube with records or scales of several intensities; see `pounding_sweep.analysis.fragility`.
     path : path-like
         The file, ``.xml``.
-    limit_states : mapping of str to (str, float or None)
+    limit_states : mapping of str to (str, float, str or None)
         Name of a limit state -> event and level, the mildest first: ``{"touch": ("touch", None)}``,
         ``{"slight": ("drift", 0.01), "severe": ("drift", 0.03)}``. All are of pairs, or all of buildings.
     intensity, folders : optional
@@ -85,7 +85,7 @@ def export_nrml(
     for name in limit_states:
         if not name or _NO_NAME.search(name):
             raise InputError(f"limit state {name!r} is no name that NRML takes; give letters, digits, '_' and '-'")
-    per, *others = {get_event(event, level).per for event, level in limit_states.values()}
+    per, *others = {get_event(event, level)[0].per for event, level in limit_states.values()}
     if others:
         raise InputError("limit states are of pairs or of buildings in a file, and these are of both; write two files")
     target = check_output(path, overwrite, netcdf=False)

@@ -75,7 +75,6 @@ class CompareOptions:
 
     def checked(self) -> tuple[list[str], dict[str, Any]]:
         """Return the keys of the comparisons, and their arguments; raises `InputError` for options that won't do."""
-        from pounding_sweep.analysis.comparisons import read_level
         from pounding_sweep.analysis.comparisons.gaps import read_factors
         from pounding_sweep.analysis.hazard import hazard_of
         from pounding_sweep.analysis.rebuild import check_intensity
@@ -114,9 +113,7 @@ class CompareOptions:
         if self.hazard is not None:
             arguments["hazard"] = hazard_of(self.hazard, self.hazard_units)
         if "fragility" in keys:
-            event = self.event or "touch"
-            arguments["level"] = read_level(event, self.level)
-            get_event(event, arguments["level"])
+            get_event(self.event or "touch", self.level)
         for path in (self.out / f"{key}{suffix}" for key in keys for suffix in (".csv", ".nc")) if self.out else ():
             if os.path.exists(path):  # Path.exists raises where the folder can't be read
                 check_output(path, self.overwrite, netcdf=path.suffix == ".nc")

@@ -129,7 +129,6 @@ def plot_command(
     only_list: bool = flag("--list", "List the figures, and what of them CUBE.nc allows."),
 ) -> None:
     """Draw a figure of a cube into a file, or list the figures."""
-    from pounding_sweep.analysis.comparisons import read_level
     from pounding_sweep.figures import FIGURES, SOURCES, plot
     from pounding_sweep.output.netcdf import open_cube
 
@@ -147,8 +146,7 @@ def plot_command(
             raise InputError(f"-o is missing; give the file to draw into, such as -o {kind}.png")
         else:
             settings: dict[str, Any] = {"x": x, "y": y, "value": value, "start": start, "end": end, "dpi": dpi}
-            settings |= {"contours": contours, "turn": turn, "names": names, "event": event}
-            settings["level"] = read_level(event or "touch", level)
+            settings |= {"contours": contours, "turn": turn, "names": names, "event": event, "level": level}
             settings |= {"title": "" if no_title else title, "caption": caption}
             print(plot(chosen, kind, out, report=say, **settings))
 
@@ -259,16 +257,11 @@ def export_command(
         print(*paths, sep="\n")
 
 
-def _limit_state(text: str) -> tuple[str, tuple[str, float | None]]:
+def _limit_state(text: str) -> tuple[str, tuple[str, str | None]]:
     """Read NAME=EVENT[:LEVEL]."""
-    from pounding_sweep.analysis.comparisons import read_level
-
     name, _, rest = text.partition("=")
     event, _, level = rest.partition(":")
-    try:
-        return name, (event, read_level(event, level or None))
-    except InputError as error:
-        raise InputError(f"--limit-state {text!r}: {error}; give NAME=EVENT or NAME=EVENT:LEVEL") from None
+    return name, (event, level or None)
 
 
 @command("merge")

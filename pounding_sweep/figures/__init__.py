@@ -50,7 +50,7 @@ _OPTIONS = {
     "turn": "bool\n    Whether the intensity is drawn across, the response upright.",
     "names": "bool\n    Whether records are told apart and named in the legend.",
     "event": "str, optional\n    A key of `pounding_sweep.analysis.comparisons.EVENTS`.",
-    "level": "float, optional\n    What the event must exceed, in its own unit.",
+    "level": "float or str, optional\n    What the event must exceed, in its own unit; of a drift ratio also 1%.",
     "start": "float, optional\n    First instant that is drawn (s).",
     "end": "float, optional\n    Last instant that is drawn (s).",
     "ax": "matplotlib.axes.Axes, optional\n    Axes for a figure of one panel.",

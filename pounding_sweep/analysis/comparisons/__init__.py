@@ -308,7 +308,11 @@ def plain_rows(table: xr.Dataset) -> list[Row]:
 #: What some fractiles are called.
 _NAMED = {0.0: "smallest", 0.5: "median", 1.0: "largest"}
 #: What a table by storeys has beside the values.
-_BY_STOREY = dict.fromkeys(("contact_elevation", "floor_elevation"), "elevation (m)") | {"touching_share": "touching"}
+BY_STOREY = {
+    "contact_elevation": "elevation (m)",
+    "floor_elevation": "elevation (m)",
+    "touching_share": "touching",
+}
 
 
 def table_rows(
@@ -331,8 +335,7 @@ def table_rows(
         return list(comparison.load(comparison.rows)(result))
     if "rule_name" in result.coords:
         result = result.assign_coords(rule=result["rule_name"].values)
-    counts = {f"{str(name).removesuffix('_fractiles')}_count" for name in result.data_vars}
-    names = [str(name) for name in result.data_vars if str(name).endswith(comparison.variables) and name not in counts]
+    names = [str(name) for name in result.data_vars if str(name).endswith(comparison.variables)]
     if lead:
         names = [name for name in comparison.lead if name in names] or names[:2]
     motions = [dim for dim in MOTION_DIMS if result.sizes.get(dim, 1) > 1 and not lead]
@@ -358,7 +361,7 @@ def table_rows(
             stem = f"{name.removesuffix('fractiles')}count"
             number = part[stem if stem in part else "touching"]
             count = number.max([dim for dim in pooled if dim in number.dims]).fillna(0).astype(int)
-        for key, heading in _BY_STOREY.items() if "storey" in columns else ():
+        for key, heading in BY_STOREY.items() if "storey" in columns else ():
             if key in part.variables and {*part[key].dims} <= {*columns, *pooled}:
                 beside[heading] = part[key].mean([dim for dim in pooled if dim in part[key].dims])
         values = dict(zip(headings, spread.drop_vars("share"), strict=True))
@@ -403,10 +406,8 @@ EVENTS: dict[str, Event] = {
         Event("force", "contact force above {level}", "impact_force_max", "pair", "kN"),
         Event("penetration", "penetration above {level}", "penetration_max", "pair", "m"),
         Event("drift", "interstorey drift above {level}", "drift_max", "building", "m"),
-        Event("drift_ratio", "interstorey drift ratio above {level}", "drift_ratio_max", "building", "1", percent=True),
-        Event(
-            "roof_drift_ratio", "roof drift ratio above {level}", "roof_drift_ratio_max", "building", "1", percent=True
-        ),
+        Event("drift_ratio", "interstorey drift ratio above {level}", "drift_ratio_max", "building", "1", True),
+        Event("roof_drift_ratio", "roof drift ratio above {level}", "roof_drift_ratio_max", "building", "1", True),
         Event("ductility", "storey ductility above {level}", "ductility_max", "building", "1"),
         Event("shear", "storey shear above {level}", "storey_shear_max", "building", "kN"),
         Event("acceleration", "floor acceleration above {level}", "acceleration_max", "building", "m s-2"),
@@ -415,10 +416,14 @@ EVENTS: dict[str, Event] = {
 }
 
 
-def get_event(key: str, level: float | None) -> Event:
-    """Return an event by key; its level must be one that it takes."""
+def get_event(key: str, level: float | str | None) -> tuple[Event, float | None]:
+    """Return an event by key, and its level, which must be one that it takes; of a drift ratio also in per cent."""
     check_choice("event", key, EVENTS)
     event = EVENTS[key]
+    if isinstance(level, str):
+        if "%" in level and not event.percent:
+            raise InputError(f"level {level!r} of event {key!r} is in per cent, which drift_ratio and the like take")
+        level = read_share(level)
     if event.units and (level is None or not math.isfinite(level) or level < 0.0):
         raise InputError(
             f"event {key!r} needs a level that {event.variable} must exceed ({event.units}), not {level!r}"
@@ -427,13 +432,4 @@ def get_event(key: str, level: float | None) -> Event:
         raise InputError(f"level {level:g} of event {key!r} is {level:.0%}; give a ratio below 1, such as 0.01, or 1%")
     if not event.units and level is not None:
         raise InputError(f"event {key!r} takes no level; leave out level = {level!r}, or give an event that has one")
-    return event
-
-
-def read_level(key: str, text: str | None) -> float | None:
-    """Return the level of an event from a text: a number in its unit, of a drift ratio also per cent."""
-    check_choice("event", key, EVENTS)
-    if text is not None and "%" in text and not EVENTS[key].percent:
-        ratios = " and ".join(name for name, event in EVENTS.items() if event.percent)
-        raise InputError(f"level {text!r} is in per cent, which is for {ratios}; event {key!r} has another unit")
-    return None if text is None else read_share(text)
+    return event, level

@@ -268,7 +268,7 @@ def fit_rows(result: xr.Dataset) -> list[Row]:
 def fragility(
     cube: xr.Dataset,
     event: str = "touch",
-    level: float | None = None,
+    level: str | float | None = None,
     *,
     intensity: str | xr.DataArray | None = None,
     confidence: float | None = 0.95,
@@ -287,7 +287,7 @@ def fragility(
         is fitted apart.
     event : str
         A key of `pounding_sweep.analysis.comparisons.EVENTS`.
-    level : float, optional
+    level : float or str, optional
         What must be exceeded, in the event's unit; needed by all but "touch" and "collapse".
     intensity, records, folders : optional
         As for `pounding_sweep.analysis.rebuild.intensity_of`.
@@ -334,7 +334,7 @@ def fragility(
     """
     from scipy.special import ndtri
 
-    about = get_event(event, level)
+    about, level = get_event(event, level)
     what = f"the fragility of {event!r}"
     if confidence is not None:
         numbers_in("(0, 1)", confidence, "confidence (None for no intervals)")

@@ -391,8 +391,8 @@ def answers(result: xr.Dataset) -> str:
         words = _gap_words(row, result.attrs)
         pairs.setdefault(row["pair"], []).append(f"{words} with {100 * row['probability']:g} %")
     texts = {pair: ", ".join(parts).replace(" with", " touch with", 1) for pair, parts in pairs.items()}
-    when = f" probability {'given ' * ('gap_in_years' not in result)}{rows[0]['given']}" if rows else ""
-    lines = [f"{pair}: {text}{when}{row_gaps.get(pair, '')}" for pair, text in texts.items()]
+    when = f"probability{' given' * ('gap_in_years' not in result)}"
+    lines = [f"{pair}: {text} {when} {rows[0]['given']}{row_gaps.get(pair, '')}" for pair, text in texts.items()]
     return "; ".join(lines) if len(rows) <= result.sizes.get("pair", 1) * result.sizes["probability"] else ""
 
 

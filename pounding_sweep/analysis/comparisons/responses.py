@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.analysis.comparisons import check_needs, comparison, over_text
+from pounding_sweep.analysis.comparisons import BY_STOREY, check_needs, comparison, over_text
 from pounding_sweep.analysis.rebuild import intensity_of, stored_sweep
 from pounding_sweep.analysis.scenarios import (
     ROUND_OFF,
@@ -97,10 +97,11 @@ def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> x
         comment = "value with pounding over value without; missing where either scenario is not ok"
         share = ratio(response, base, runs[PEAK][1] if name in _SIGNED and PEAK in runs else base)
         ratios[f"{name}_ratio"] = described(share, "1", f"amplification of the {long_name(response, name)}", comment)
-    for key, (part, words) in {"base_shear": (pounding, "with"), "base_shear_without": (uncoupled, "without")}.items():
+    for key, part in {"base_shear": pounding, "base_shear_without": uncoupled}.items():
         if "storey_shear_max" in names and 1 in part.get("storey", []):
             shear = values(part, "storey_shear_max").sel(storey=1, drop=True)
-            ratios[key] = described(shear, "kN", f"largest shear of the lowest storey {words} pounding", bare=True)
+            words = f"largest shear of the lowest storey with{'out' * key.endswith('out')} pounding"
+            ratios[key] = described(shear, "kN", words, bare=True)
     if any(name in pounding for name in TOUCH_VARIABLES):
         touch = touched(pounding, what)
         any_floor = touch.max([dim for dim in ("pair", "storey") if dim in touch.dims])
@@ -245,19 +246,9 @@ def impacts(
         result = xr.concat(parts, dim=labelled("law", laws, "contact law"), combine_attrs="override")
     else:
         result = _statistics(cube, together, quantiles)
-    result = result.assign_coords(_elevations(cube))
-    return result.assign_attrs(over=over_text({dim: cube.sizes[dim] for dim in together}), counted=_TOUCHING_ONLY)
-
-
-#: What fractiles are of, as tables say.
-_TOUCHING_ONLY = "fractiles are of the scenarios in which these floors touch; the others do not count as 0"
-_ALL = (
-    "fractiles are of all scenarios that are ok; forces, penetrations and impulses of those without contact count as 0"
-)
-
-
-def _elevations(cube: xr.Dataset) -> dict[str, xr.DataArray]:
-    return {name: cube[name] for name in ("floor_elevation", "contact_elevation") if name in cube.coords}
+    counted = "fractiles are of the scenarios in which these floors touch; the others do not count as 0"
+    result = result.assign_coords({name: cube[name].variable for name in BY_STOREY if name in cube})
+    return result.assign_attrs(over=over_text({dim: cube.sizes[dim] for dim in together}), counted=counted)
 
 
 def _statistics(cube: xr.Dataset, over: list[str], quantiles: Sequence[float]) -> xr.Dataset:
@@ -440,10 +431,12 @@ def fractiles(
                 result[f"left_out_{status.label}"] = described(count, "1", text, bare=True)
     about = {"over": over_text({dim: cube.sizes[dim]})}
     if any(name in cube for name in TOUCH_VARIABLES):
-        touch, about["counted"] = touched(cube, "fractiles"), _ALL
+        touch = touched(cube, "fractiles")
+        about["counted"] = "fractiles are of all scenarios that are ok; forces of those without contact count as 0"
         if dim in touch.dims:
             result["touching_share"] = described(touch.mean(dim), "1", "share of scenarios in which the floors touch")
-    return xr.Dataset(result, attrs=about).assign_coords(_elevations(cube))
+    heights = {name: cube[name].variable for name in BY_STOREY if name in cube}
+    return xr.Dataset(result, attrs=about).assign_coords(heights)
 
 
 #: Intensities at which the fractiles of a suite are given, where none are.

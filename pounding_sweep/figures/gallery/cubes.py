@@ -570,7 +570,7 @@ def _name_records(result: xr.Dataset) -> str:
 
 
 @figure_of("fragility", "cube", f"pair|building, several {'|'.join(MOTION_DIMS)}")
-def fragility(cube: xr.Dataset, *, event: str | None = None, level: float | None = None) -> Figure:
+def fragility(cube: xr.Dataset, *, event: str | None = None, level: str | float | None = None) -> Figure:
     """Draw the probability of an event, by default that a pair touches, against intensity, with its confidence.
 
     One panel per pair or building. Lines are the values of the first axis that varies (gap, stiffness, ...), five at
