@@ -229,6 +229,7 @@ def _print_run(report: dict[str, Any]) -> None:
         ("run", seconds_text(report["run_seconds"]) + speed),
     ]
     lines += [("gap 0", _AT_REST)] if report["at_rest"] else []
+    lines += [("rest", report["rest_note"])] if report["rest_note"] else []
     lines += [("accuracy", report["accuracy_choice"])] if report["accuracy_choice"] else []
     if report["refined"] is not None:
         lines.append(("refined", f"{report['refined']} of {counts['run']} scenarios run beyond half their step"))

@@ -317,6 +317,7 @@ def summarize(path: FilePath) -> dict[str, Any]:
             "audit": audit_table(arrays),
             "errors_sentence": errors_sentence({**arrays, **texts}, attributes),
             "statuses": statuses(*(arrays[name][...] for name in ("status", "unsettled_output") if name in arrays)),
+            "rest_note": attributes.get("rest_note"),
             "at_rest": "pair_gap" in arrays and bool((arrays["pair_gap"][...] == 0.0).any()),
             "summary": _impacts(arrays) if "pair" in arrays else [],
         }

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pounding_sweep.engine.row_kernel import SMALL_MOTION, longest_rest
 from pounding_sweep.model.laws import LAWS, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants
@@ -246,6 +247,16 @@ def design_coordinates(spec: SweepSpec) -> Coordinates:
     return result
 
 
+def _rest_note(plan: Plan) -> str | None:
+    """Say which scenarios end before nothing can change any more; None if none does."""
+    if plan.spec.rest != "auto":
+        return None
+    notes = ["rows without damping end with the record"] * bool((longest_rest(plan.variants)[0] == 0.0).any())
+    if bool((plan.unique.gaps <= 0.0).any()):
+        notes.append(f"floors without a gap are followed until a free motion has decayed to {SMALL_MOTION:g} of itself")
+    return "; ".join(notes) or None
+
+
 def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
     """Return what the cube says of the sweep as a whole."""
     spec = plan.spec
@@ -265,6 +276,7 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         "precision": plan.numerics.precision,
         "located": spec.locate,
         "rest": spec.rest,
+        "rest_note": _rest_note(plan),
         "restitution_basis": spec.restitution_basis,
         "unit_system": "kN, t, m, s",
         "sweep": to_json(spec),
