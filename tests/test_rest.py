@@ -17,6 +17,8 @@ from pounding_sweep.base.errors import SweepError
 from pounding_sweep.engine.postprocess import energy_limit, phase_error
 from pounding_sweep.engine.row_kernel import REST_PERIODS, Numerics, RowKernel, longest_rest
 from pounding_sweep.model.laws import LAWS
+from pounding_sweep.output.labels import global_attributes
+from pounding_sweep.output.results import Outcome
 from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for, relative_errors
 from pounding_sweep.plan.advice import approach_speeds
 from pounding_sweep.spec.build import build_spec
@@ -202,6 +204,13 @@ def test_estimates_are_of_the_motion_with_its_rest():
     short, long = (phase_error(scene, PULSE, Numerics("newmark", 0.01, rest=rest)) for rest in (0.0, np.inf))
     w = np.sqrt(27.42)  # of the faster one
     assert long[0] / short[0] == pytest.approx(1.0 / (0.05 * w) / PULSE.duration, rel=0.02)
+    times = []
+    for record in (PULSE, ps.find_record("el_centro")):
+        for rest in ("auto", 0.0):
+            plan = ps.Sweep(scene, record, "none", method="rk4", dt=1e-3, rest=rest).plan()
+            times.append(plan.scenario_seconds(0, 1))
+    assert times[0] / times[1] == pytest.approx(1.0 + np.log(20.0) / (0.05 * np.sqrt(9.87)) / PULSE.duration, rel=0.01)
+    assert 1.0 <= times[2] / times[3] < 1.3
     stopped = ps.Record("stopped", 1.0, [0.0, 2.0])  # 1 m/s until the last point, 2 m/s when the ground is at rest
     assert energy_limit(scene, stopped, np.ones(1))[0] == pytest.approx(0.5 * 200.0 * 2.0**2)
 
@@ -210,3 +219,15 @@ def test_estimates_are_of_the_motion_with_its_rest():
 def test_a_rest_that_is_none_is_refused(bad):
     with pytest.raises(SweepError, match=r'rest: .*must be .*"auto" or a rest after the record in s'):
         build_spec(scene=PAIR, records=PULSE, laws="linear", rest=bad)
+
+
+def test_cubes_say_which_scenarios_end_before():
+    free = replace(PAIR, row=[replace(PAIR.row[0], damping_ratio=0.0), PAIR.row[1]])
+    notes = []
+    for scene, gap, rest in ((PAIR, 0.01, "auto"), (PAIR, 0.0, "auto"), (free, 0.01, "auto"), (free, 0.0, 0.0)):
+        plan = ps.Sweep(scene, PULSE, "linear", gaps=[gap], method="rk4", dt=1e-3, rest=rest).plan()
+        notes.append(global_attributes(plan, Outcome(None, np.ones(1, bool)))["rest_note"])
+    undamped, touching = "rows without damping end with the record", "floors without a gap are followed"
+    assert notes[0] is notes[3] is None
+    assert notes[1].startswith(touching)
+    assert notes[2] == undamped

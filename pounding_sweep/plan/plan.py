@@ -17,7 +17,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.base.text import bytes_text, counts_text, html_table, pairs_text, seconds_text
-from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.engine.row_kernel import REST_PERIODS, SMALL_MOTION, Numerics, RowKernel, longest_rest
 from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.variants import Variants
@@ -53,6 +53,8 @@ _FEW_STOREYS = 3
 _FEW_RECORDS = 3
 #: Steps that most scenarios take in all, over those that they begin with.
 REFINED = 3
+#: Largest acceleration of a record over one of its last period at which rests take no time that counts.
+LATE = 20.0
 #: Wanted duration of one chunk (s) by that estimate; never depends on the machine or the workers.
 CHUNK_SECONDS = 0.25
 #: Largest size (bytes) of the results of one chunk.
@@ -208,8 +210,22 @@ class Plan:
 
     def scenario_seconds(self, record: int, steps: Any) -> Any:
         """Estimated seconds of one scenario on one core, with `steps` (one number or an array) per record interval."""
-        total = (self.spec.records[record].n_points - 1) * steps * (1 if self.spec.accuracy is None else REFINED)
+        total = (
+            (self.spec.records[record].n_points - 1 + self._rest_points(record))
+            * steps
+            * (1 if self.spec.accuracy is None else REFINED)
+        )
         return total * self.spec.scene.n_dof * self.numerics.scheme.step_cost * 1e-9
+
+    def _rest_points(self, record: int) -> float:
+        """Estimated record intervals of the rest: until a motion as strong as the end of the record is a twentieth."""
+        motion, rest = self.spec.records[record], self.numerics.rest
+        if rest == math.inf:
+            (longest,), (small,) = longest_rest(self.spec.scene)
+            late = np.abs(motion.acceleration[-1 - int(longest / REST_PERIODS / motion.dt) :]).max()
+            strong = max(1.0, LATE * late / motion.pga) if motion.pga else 1.0
+            rest = small * math.log(strong) / math.log(1.0 / SMALL_MOTION)
+        return float(rest / motion.dt)
 
     @cached_property
     def bytes_per_scenario(self) -> int:
