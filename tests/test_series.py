@@ -9,11 +9,12 @@ from scenes import motions, pair
 from test_columns import twins
 
 import pounding_sweep as ps
+from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.scene import Building, Scene
-from pounding_sweep.outputs.variables import reducers_for
+from pounding_sweep.outputs.variables import Status, reducers_for
 
 POLYNOMIAL = [
     "linear",
@@ -74,6 +75,32 @@ def test_contacts_are_exact_at_the_step_of_the_record(law):
         np.testing.assert_allclose(ours[name][0], want, rtol=1e-7, atol=atol, err_msg=name)
     for name, key in (("acc", "acceleration_max"), ("drift", "drift_max"), ("umax", "displacement_max")):
         np.testing.assert_allclose(ours[name][0], np.concatenate(other[key]), rtol=1e-5, err_msg=name)
+
+
+def storey(period, mass):
+    return Building(f"T = {period} s", [mass], [mass * (2.0 * np.pi / period) ** 2], 0.05)
+
+
+@pytest.mark.parametrize(
+    ("right", "stiffness", "points"),
+    [(storey(0.3, 100.0), 1e9, 31), (storey(0.3, 0.01), 1e5, 31), (storey(0.02, 100.0), 1e6, 61)],
+    ids=["stiff contact", "mass ratio", "short period"],
+)
+def test_rows_that_are_right_at_any_step_are_ok(right, stiffness, points):
+    """Neither contacts much shorter than the step nor a period of four steps make series err."""
+    scene, record = Scene([storey(0.44, 100.0), right], [1e-3]), motions()[0]
+    ground, outputs = 2.0 * record.acceleration[:points], ["impact_force_max", "impact_count", "impulse"]
+    kernel = RowKernel(scene, LAWS["kelvin_voigt"], Numerics("exact", 5e-3), reducers_for(outputs))
+    given = {"gaps": np.array([scene.gaps]), "stiffness": np.array([stiffness]), "restitution": np.array([0.6])}
+    record = ps.Record("short", record.dt, ground)
+    ours = variables_of(kernel, kernel.run(record, scale=np.ones(1), twin=True, **given), outputs, record)
+    assert ours["status"].tolist() == [Status.OK]
+    other = naive.run(
+        twins(scene), scene.gaps, ground, record.dt, "kelvin_voigt", stiffness, 0.6, rtol=1e-12, atol=1e-15
+    )
+    assert other["impact_count"][0].sum() > 1
+    for name in outputs:
+        np.testing.assert_allclose(ours[name].ravel(), other[name][0], rtol=1e-7, err_msg=name)
 
 
 @pytest.mark.slow

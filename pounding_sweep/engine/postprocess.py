@@ -123,11 +123,12 @@ def _status(
 
     numerics, flags = kernel.numerics, raw["flags"][:, 0].astype(int)
     status = np.full(len(flags), Status.OK, np.int8)
-    blurred = (phase_error(row, record, numerics) > MAX_PHASE_ERROR) | loses_ground(record, numerics)
-    status[np.broadcast_to(blurred, status.shape)] = Status.UNDER_RESOLVED_MOTION
-    fastest = np.fmin.reduce(steps / raw.get("quickening", 1.0), axis=1)
-    needed = numerics.scheme.min_steps_located if numerics.locate else numerics.scheme.min_steps_sampled
-    status[fastest < needed] = Status.UNDER_RESOLVED_CONTACT
+    if not kernel.shape.stepless:
+        blurred = (phase_error(row, record, numerics) > MAX_PHASE_ERROR) | loses_ground(record, numerics)
+        status[np.broadcast_to(blurred, status.shape)] = Status.UNDER_RESOLVED_MOTION
+        fastest = np.fmin.reduce(steps / raw.get("quickening", 1.0), axis=1)
+        needed = numerics.scheme.min_steps_located if numerics.locate else numerics.scheme.min_steps_sampled
+        status[fastest < needed] = Status.UNDER_RESOLVED_CONTACT
     touching = kernel.shape.law is not None  # else it is storeys that yield too often within a step
     status[flags & FLAG_FALLBACK > 0] = Status.UNDER_RESOLVED_CONTACT if touching else Status.UNDER_RESOLVED_MOTION
     status[flags & FLAG_UNSOLVED > 0] = Status.NEWTON_NOT_CONVERGED

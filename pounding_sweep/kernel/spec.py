@@ -223,6 +223,11 @@ class KernelSpec:
         return YIELDING_ORDER if self.yielding else SERIES_ORDER[self.precision]
 
     @property
+    def stepless(self) -> bool:
+        """Whether the time step decides no more than where records are cut: all is exact flight, or series."""
+        return bool(self.series) or (self.flies_exactly and self.law is None)
+
+    @property
     def flies_exactly(self) -> bool:
         """Whether steps without contact are exact, and as long as each lane can take them."""
         return self.by_series and not self.smooth
