@@ -138,20 +138,19 @@ def trade():
         "output": ["impact_force_max", "displacement_max"],
         "population": ["all", "steady"],
         "statistic": ["median", "worst"],
-        "scheme": ["newmark", "rk4"],
-        "located": [0, 1],
-        "precision": ["float64"],
-        "step": steps,
+        "setting": [f"{scheme}, {1e3 * step:g} ms" for scheme in ("newmark", "rk4") for step in steps],
     }
-    names = list(coords)
-    shape = [len(values) for values in coords.values()]
+    names, shape = list(coords), [len(values) for values in coords.values()]
+    step = np.tile(steps, 2)
     data = {
-        "error": (names, np.broadcast_to((steps / 5e-3) ** 2 * 1e-2, shape)),
+        "error": (names, np.broadcast_to((step / 5e-3) ** 2 * 1e-2, shape)),
         "resolution": (names[:3], np.full(shape[:3], 1e-7)),
-        "cost": (names[3:], np.broadcast_to(1e-3 / steps, shape[3:])),
+        "cost": (names[3:], 1e-3 / step),
         "pareto": (names, np.ones(shape, np.int8)),
+        "step": (names[3:], step),
     }
-    return xr.Dataset(data, coords, {KIND_ATTRIBUTE: KIND, "sample_scenarios": 9, "sensitive_scenarios": 1})
+    about = {KIND_ATTRIBUTE: KIND, "sample_scenarios": 9, "sensitive_scenarios": 1, "own_setting": "rk4, 1 ms"}
+    return xr.Dataset(data, coords, about)
 
 
 def stability_map():

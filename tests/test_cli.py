@@ -297,7 +297,7 @@ def test_run_prints_a_summary_and_the_path(tiny):
     for part in ("12 scenarios asked, 5 run", "all 4 touching scenarios", "impact_force_max", "sine", "numba"):
         assert part in text
     figures = cli("plot", folder / "out.nc", "--list").stdout
-    assert re.search("^force-gap .*^work-precision +scheme, located", figures, re.MULTILINE | re.DOTALL)
+    assert re.search("^force-gap .*^work-precision +setting, error, cost", figures, re.MULTILINE | re.DOTALL)
 
 
 def test_run_as_json_equals_the_table(tiny, tmp_path):

@@ -56,7 +56,7 @@ COMMANDS = {
     "simulate": "sweep -o --output --law --gap --stiffness --stiffness-factor --restitution --record --scale --case "
     "--at --output-step",
     "animate": "sweep -o --output --start --end --frames --speed",
-    "tradeoff": "sweep -o --output --steps --scenarios --seed --plot --workers --json",
+    "tradeoff": "sweep -o --output --steps --all --scenarios --seed --plot --workers --json",
     "extremes": "--scenes --seed --law --family --precision --map --plot --workers --json",
     "paper": "cubes -o --output --records --json",
     "laws": "--restitution --e --json",

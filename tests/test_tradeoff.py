@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import naive
 import numpy as np
@@ -29,6 +30,7 @@ pytestmark = pytest.mark.usefixtures("stub_by_day")
 
 STEPS = (2e-2, 2e-3, 1e-3, 5e-4)
 LAWS = ["kelvin_voigt", "linear"]  # which share their kernels
+METHODS = ["rk4", "newmark", "exact"]
 SCENE = pair()
 #: Few: each kernel of the eight kinds of runs takes half as long to compile.
 OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "penetration_max"]
@@ -63,15 +65,21 @@ def sweep():
 
 @pytest.fixture(scope="module")
 def trade(sweep):
-    return tradeoff(sweep, steps=STEPS, scenarios=6, repeats=2)
+    return tradeoff(sweep, steps=STEPS, scenarios=6, repeats=2, methods=METHODS, located=(True, False))
 
 
 #: One configuration of each step alone, on few scenarios.
-ONE = {"methods": ["rk4"], "located": [True], "precisions": ["float64"], "scenarios": 2, "repeats": 1}
+ONE = {"methods": ["rk4"], "precisions": ["float64"], "accuracies": (), "scenarios": 2, "repeats": 1}
+
+
+def fixed(trade, **labels):
+    """Settings of fixed steps of a trade, by what they are."""
+    grid = trade.isel(setting=trade.step.notnull().values)
+    return grid.set_index(setting=["scheme", "located", "precision", "step"]).unstack("setting").sel(labels)
 
 
 def chosen(trade, **labels):
-    return trade.sel({"population": "all", "statistic": "worst", **labels})
+    return fixed(trade, **{"population": "all", "statistic": "worst", **labels})
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +105,7 @@ def test_errors_are_those_against_the_oracle(trade, oracle, method, located, dt)
     """Within a factor of 2, or below what the converged solution resolves; the cube of the same step is the witness."""
     compared = 0
     for i, want in enumerate(oracle):
-        one = trade.isel(scenario=i).sel(scheme=method, located=int(located), precision="float64", step=dt)
+        one = fixed(trade.isel(scenario=i), scheme=method, located=int(located), precision="float64", step=dt)
         case = {name: one[f"scenario_{name}"].item() for name in ("gap", "stiffness", "restitution")}
         cases = [{"law": law, **case} for law in LAWS]
         cube = ps.Sweep(SCENE, SHORT, cases=cases, outputs=OUTPUTS, method=method, dt=dt, locate=located, audit=0.0)
@@ -150,7 +158,7 @@ def test_what_the_pages_say_of_errors(trade):
     double, single = (errors(scheme="rk4", located=1, step=STEPS[-1], precision=p) for p in ("float64", "float32"))
     assert 10.0 * double < single < 1e-2
     reference = trade.reference_error.sel(population="all", statistic="worst", output="impact_force_max").item()
-    others = errors().drop_sel(scheme="exact")  # of the linear law it is without error but for rounding
+    others = errors(scheme=["rk4", "newmark"])  # exact flight of the linear law errs by rounding alone
     assert 0.0 < reference < min(1e-7, float(others.where(others > 0).min()))
     assert trade.attrs["reference_step"] <= STEPS[-1] / 4
 
@@ -158,15 +166,16 @@ def test_what_the_pages_say_of_errors(trade):
 def test_every_output_has_an_error():
     found = tradeoff(make_sweep(outputs=EVERY), steps=STEPS[1:3], **{**ONE, "scenarios": 4})
     assert found.output.values.tolist() == [name for name in VARIABLES if name in EVERY]
-    finest = chosen(found).squeeze().isel(step=-1)
+    finest = chosen(found, scheme="rk4", precision="float64", located=1, step=STEPS[2])
     assert finest.error.sel(output="impact_count").item() == 0.0
 
 
 def test_statuses_are_counted_and_errors_of_the_ok_apart(trade):
     assert (trade.status_count.sum("status") == trade.sizes["scenario"]).all()
+    assert (trade.status_count.sel(status="beyond_stability_limit") == 0).all()  # a run refuses them
     counts = (trade.scenario_status == 0).sum("scenario")
     assert (counts == trade.status_count.sel(status="ok", drop=True)).all()
-    coarse = trade.sel(scheme="newmark", located=1, precision="float64", step=2e-2, statistic="worst")
+    coarse = fixed(trade, scheme="newmark", located=1, precision="float64", step=2e-2, statistic="worst")
     assert coarse.status_count.sel(status="ok").item() == 0
     assert np.isnan(coarse.error.sel(population="ok", output="impact_force_max").item())
     assert coarse.error.sel(population="all", output="impact_force_max").item() > 1e-2
@@ -176,7 +185,8 @@ def test_statuses_are_counted_and_errors_of_the_ok_apart(trade):
 def test_a_diverged_scenario_has_an_infinite_error_and_is_never_on_the_front():
     stiff = make_sweep(stiffness_factors=[1e4], gaps=[0.003], force_unstable=True)
     found = tradeoff(stiff, steps=[5e-3], **{**ONE, "located": [False]})
-    one = chosen(found, output="impact_force_max").squeeze()
+    at = {"population": "all", "statistic": "worst", "output": "impact_force_max"}
+    one = found.sel(setting="rk4, not located, 5 ms", **at)
     assert one.status_count.sel(status="diverged").item() >= 1
     assert np.isinf(one.error.item())
     assert one.pareto.item() == 0
@@ -189,7 +199,8 @@ def test_a_diverged_scenario_has_an_infinite_error_and_is_never_on_the_front():
 
 def measured_of(sweep):
     axes = {"scheme": ["rk4"], "located": [True], "precision": ["float64"], "step": [2e-3, 1e-3]}
-    return measure(sweep.spec, axes, scenarios=6, seed=0, repeats=1, workers=1, progress=Progress())
+    sizes = {"scenarios": 6, "seed": 0, "repeats": 1, "workers": 1}
+    return measure(sweep.spec, axes, choices=(), progress=Progress(), **sizes)
 
 
 @pytest.fixture(scope="module")
@@ -244,7 +255,7 @@ def test_costs_are_those_of_the_sweeps_own_mix(sweep, trade):
     share = {law: (plan.unique.law[touching] == laws.index(law)).mean() for law in LAWS}
     mixed = sum(share[law] * trade.law_cost.sel(law=law) for law in LAWS)
     np.testing.assert_allclose(trade.cost, mixed, rtol=1e-12)
-    fine = trade.cost.sel(scheme="rk4", located=0, precision="float64", step=[2e-3, 5e-4]).values
+    fine = fixed(trade, scheme="rk4", located=0, precision="float64", step=[2e-3, 5e-4]).cost.values
     assert 1.2 < fine[1] / fine[0] < 12.0  # four times the steps, on a busy machine
     assert (trade.cost_median >= trade.cost).where(trade.cost.notnull(), True).all()
 
@@ -295,26 +306,71 @@ def test_the_file_holds_everything(trade, sweep, tmp_path):
 
 
 def test_true_steps_are_reported_and_equal_ones_measured_once():
-    found = tradeoff(make_sweep(gaps=[0.003]), steps=[1.1e-3, 3e-3, 2.9e-3], **ONE)
-    assert found.step.values.tolist() == [3e-3, 1.1e-3]
-    np.testing.assert_allclose(found.time_step.values, [[0.02 / 7, 0.02 / 19]])
-    headings, rows = table_of(found)
-    assert [row[headings.index("step s")] for row in rows] == ["0.002857", "0.001053"]
+    own = make_sweep(gaps=[0.003], method="rk4", dt=4e-3)
+    found = tradeoff(own, steps=[1.1e-3, 3e-3, 2.9e-3], **ONE)
+    assert found.setting.values.tolist() == ["rk4, 3 ms", "rk4, 1.1 ms", "rk4, 4 ms"]
+    np.testing.assert_allclose(found.time_step.values, [[0.02 / 7, 0.02 / 19, 0.02 / 5]])
 
 
-def test_the_sweeps_own_numerics_do_not_matter(measured):
-    """Neither its scheme, step and number format nor an accuracy asked for, which leaves them to be chosen."""
-    for settings in ({"accuracy": 1e-3}, {"method": "newmark", "dt": 1e-2, "locate": False, "precision": "float32"}):
-        xr.testing.assert_equal(measured_of(make_sweep(**settings)).scenario_error, measured.scenario_error)
+@pytest.mark.parametrize(
+    ("settings", "label"),
+    [
+        ({}, "accuracy 1e-3"),
+        ({"accuracy": 2.5e-3}, "accuracy 2.5e-3"),
+        ({"dt": 2e-3}, "exact, 2 ms"),
+        ({"locate": False}, "rk4, not located, 1 ms"),
+        ({"method": "rk4", "dt": 2e-2}, ""),  # beyond its stability limit
+        ({"method": "newmark", "dt": 1e-2, "precision": "float32"}, "newmark, float32, 10 ms"),
+    ],
+)
+def test_the_sweeps_own_setting_is_one_more(measured, settings, label):
+    found = measured_of(make_sweep(**settings))
+    assert found.attrs["own_setting"] == label
+    assert set(found.setting.values.tolist()) == {"rk4, 2 ms", "rk4, 1 ms", label} - {""}
+    same = found.scenario_error.sel(setting=["rk4, 2 ms", "rk4, 1 ms"])
+    xr.testing.assert_allclose(same, measured.scenario_error.sel(setting=same.setting), rtol=1e-6)
 
 
-def test_the_tables_have_a_row_per_configuration_and_orders(trade):
+def answered(trade, own="", **settings):
+    """What is answered of settings by their cost and error; an accuracy is told by its name."""
+    values = {label: (cost, error) for label, (cost, error) in settings.items()}
+    labels, (costs, errors) = list(values), np.array(list(values.values())).T
+    made = trade.isel(setting=[0] * len(labels)).assign_coords(setting=labels)
+    made = made.assign_coords(accuracy=("setting", [float(x[1:]) if x[0] == "a" else np.nan for x in labels]))
+    made = made.assign(cost=("setting", costs), resolution=made.resolution * 0.0, error=made.error * 0.0)
+    made = made.assign(error=made.error + xr.DataArray(errors, dims="setting", coords={"setting": labels}))
+    return module.answer(made.assign_attrs(own_setting=own))
+
+
+def test_the_answer_is_the_cheapest_accuracy_as_strict_as_the_sweeps_own(trade):
+    settings = {"a1e-2": (1.0, 1e-3), "a1e-3": (3.0, 1e-4), "a1e-4": (2.0, 1e-5), "exact": (0.5, 5e-4)}
+    found = answered(trade, **settings, rk4=(4.0, 2e-4), own="rk4")
+    assert [found[name]["setting"] for name in ("best", "own", "fastest")] == ["a1e-4", "rk4", "exact"]
+    assert (found["solver"], found["wanted"]) == ({"accuracy": 1e-4}, 1e-3)
+    assert answered(trade, **settings, own="a1e-2")["best"]["setting"] == "a1e-2"
+    near = {**settings, "a1e-3": (2.1, 1e-4)}  # within the noise of the cheapest
+    assert answered(trade, **near, own="a1e-3")["best"]["setting"] == "a1e-3"
+    assert answered(trade, **near)["best"]["setting"] == "a1e-4"
+
+
+def test_without_accuracies_a_step_is_the_answer(trade):
+    found = answered(trade, exact=(2.0, 1e-4), rk4=(1.0, 1e-2), own="rk4")
+    assert found["best"]["setting"] == "exact"
+    assert set(found["solver"]) == {"method", "dt", "locate", "precision"}
+    assert answered(trade, exact=(2.0, 1e-2), rk4=(1.0, 1e-1))["best"]["setting"] == "exact"
+
+
+def test_the_table_is_short_or_of_all_settings_and_has_orders(trade):
     headings, rows = table_of(trade)
-    assert len(rows) == (2 * 2 + 1) * 2 * len(STEPS)  # exact flight is always located
-    refused = next(row for row in rows if row[0] == "rk4" and row[3] == "0.02")
-    assert refused[headings.index("s per 1000")] == "-"
-    assert "6 beyond stability limit" in refused[headings.index("not ok")]
-    assert any(row[headings.index("force worst")].endswith("*") for row in rows)
+    refused = [("rk4", mode, form, 2e-2) for mode in (0, 1) for form in ("float32", "float64")]
+    assert len(rows) == (2 * 2 + 1) * 2 * len(STEPS) - len(refused) + 3  # exact flight is always located
+    short = table_of(trade, full=False)[1]
+    labels = [row[0] for row in short]
+    assert {"accuracy 1e-2", "accuracy 1e-4"} < {label.strip("*") for label in labels}
+    assert any(label.endswith(" (yours)") for label in labels)
+    assert sum("*" in label for label in labels) >= len(short) - 3
+    costs = [float(row[1]) for row in short]
+    assert costs == sorted(costs)
     headings, rows = module.order_table(trade)
     assert headings[2:] == ["rk4 order", "newmark order", "exact order"]
     assert {row[0] for row in rows} == set(LAWS)
@@ -324,8 +380,10 @@ def test_the_tables_have_a_row_per_configuration_and_orders(trade):
 
 def test_the_figure_tells_schemes_and_cores(trade):
     words = " ".join(text.get_text() for text in FIGURES["work-precision"].draw(trade).findobj(Text))
-    for label in ("Pareto front", "rk4, located, float64", "newmark, not located, float32", "one core"):
+    for label in ("none cheaper", "your setting", "accuracy", ", single precision", "one core", "lower left"):
         assert label in words
+    panel = FIGURES["work-precision"].draw(trade).axes[0]
+    assert len([line for line in panel.lines if line.get_linestyle() != "None"]) == 6
     with pytest.raises(InputError, match="pounding-sweep tradeoff"):
         plot(run_without_pounding(), "work-precision", "never.png")
 
@@ -363,8 +421,12 @@ def test_the_command_measures_writes_draws_and_prints(tiny, tmp_path, not_render
     out, figure = tmp_path / "trade.nc", tmp_path / "trade.png"
     done = call("tradeoff", tiny, "-o", out, "--steps", "2e-3", "--scenarios", "2", "--plot", figure, "--quiet")
     lines = done.stdout.splitlines()
-    assert done.stdout.split()[:3] == ["scheme", "located", "precision"]
-    assert sum(line.startswith(("rk4", "newmark")) for line in lines) == 8
+    assert lines[0].startswith("Take accuracy 1e-")
+    block = lines.index("[solver]")
+    assert re.fullmatch(r"accuracy = 1e-\d", lines[block + 1])
+    table = next(line for line in lines if line.startswith("setting"))
+    assert len(table) <= 100
+    assert sum(line.startswith(("exact", "rk4", "accuracy")) and "e-" in line[20:] for line in lines) >= 4
     assert "2 of 2 touching scenarios are measured" in done.stdout
     assert lines[-2:] == [str(figure), str(out)]
     call("plot", out, "work-precision", "-o", tmp_path / "again.png")
@@ -375,8 +437,9 @@ def test_the_command_measures_writes_draws_and_prints(tiny, tmp_path, not_render
 
 def test_the_command_prints_json(tiny):
     report = json.loads(call("tradeoff", tiny, "--steps", "2e-3", "--scenarios", "2", "--json", "--quiet").stdout)
-    assert (report["sample_scenarios"], len(report["configurations"])) == (2, 10)
-    first = report["configurations"][0]
+    assert (report["sample_scenarios"], len(report["settings"])) == (2, 3 + 2 * 2)
+    assert report["answer"]["best"]["accuracy"] in {1e-3, 1e-4}
+    first = next(row for row in report["settings"] if row["setting"] == "rk4, 2 ms")
     assert first["scheme"] == "rk4"
     assert first["cost"] > 0.0
     assert set(first["errors"]["impact_force_max"]) == set(module.POPULATIONS)

@@ -18,32 +18,32 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.accuracy.certificate import prepare_kernels
-from pounding_sweep.base.errors import InputError, check_choice
-from pounding_sweep.base.text import finite
-from pounding_sweep.engine.row_kernel import Numerics
+from pounding_sweep.base.errors import InputError, SweepError, check_choice
+from pounding_sweep.base.text import finite, scientific
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.dataset import global_attributes, unit_attributes
 from pounding_sweep.output.identity import library_versions
 from pounding_sweep.output.labels import listed_coordinates
 from pounding_sweep.outputs.variables import CHANGE, OK_CLAIM, STATUS, Status, comparable, inner_shape, relative_errors
-from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.plan.plan import Plan, make_plan, untouched
 from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, changed
-from pounding_sweep.records import Record
 from pounding_sweep.run.diagnosis import diagnose
 from pounding_sweep.run.execute import Progress
-from pounding_sweep.run.refinement import run_once
+from pounding_sweep.run.refinement import run_scenarios
 from pounding_sweep.run.sweep import Sweep
-from pounding_sweep.schemes import SCHEMES, reference_scheme
+from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.spec import METHODS, PRECISIONS, SweepSpec, digest, seconds_of_rest, to_json
+from pounding_sweep.spec.spec import DEFAULT_ACCURACY, METHODS, PRECISIONS, SweepSpec, digest, to_json, with_accuracy
 
 #: Steps (s) compared by default.
 DEFAULT_STEPS = (5e-3, 2.5e-3, 1e-3, 5e-4, 2.5e-4)
+#: Schemes and accuracies compared by default.
+DEFAULT_METHODS, DEFAULT_ACCURACIES = ("rk4", "exact"), (1e-2, 1e-3, 1e-4)
 #: Largest step (s) of the runs without pounding that tell which scenarios can touch.
 CLOSING_STEP = 1.0e-3
 #: Scenarios of one timed call.
-TIMED = 2 * LANES
+TIMED = 4 * LANES
 #: The converged solution's step is the finest compared over this, and at most that share of the stability limit.
 REFINEMENT, REFERENCE_SHARE = 8, 0.125
 #: Errors below this many times the converged solution's own error are not resolved.
@@ -55,11 +55,9 @@ POPULATIONS = {
     "all": "every scenario that was not refused",
     "steady": "those that are not sensitive",
     "sensitive": "those that are",
-    "ok": "those whose status is ok in this configuration",
-    "ok_steady": "those whose status is ok in this configuration and that are not sensitive",
+    "ok": "those whose status is ok in this setting",
+    "ok_steady": "those whose status is ok in this setting and that are not sensitive",
 }
-#: Dimensions of a configuration.
-CONFIGURATION = ("scheme", "located", "precision", "step")
 #: Attribute by which a dataset is known as a trade, and its value.
 KIND_ATTRIBUTE, KIND = "pounding_sweep_kind", "tradeoff"
 _ERROR = "relative error: largest difference over the largest value of the scenario; infinite: diverged"
@@ -69,7 +67,7 @@ _ABOUT = {
     "error": (_ERROR, "1"),
     "resolution": ("least relative error that can be told from the converged solution's own", "1"),
     "resolved": (f"error at least {RESOLUTION:g} times the converged solution's own", "no yes"),
-    "pareto": ("no other configuration is as good in cost and error and better in one", "no yes"),
+    "pareto": ("no other setting is as good in cost and error and better in one", "no yes"),
     "cost": ("processor time of one core per thousand scenarios, best of the passes", "s"),
     "cost_median": ("processor time of one core per thousand scenarios, median of the passes", "s"),
     "status_count": ("scenarios of the sample by status", "1"),
@@ -80,8 +78,9 @@ _ABOUT = {
     "sensitivity": (f"largest relative change of an output when all inputs change by {CHANGE:g}", "1"),
     "sensitive": (f"sensitivity above {OK_CLAIM:g}", "steady sensitive"),
     "located": ("contacts and peaks located inside the step", "no yes"),
-    "step": ("largest time step", "s"),
-    "time_step": ("time step: the record's own, divided evenly", "s"),
+    "step": ("largest time step, missing where the accuracy sets it", "s"),
+    "accuracy": ("relative error asked for, missing where the step is fixed", "1"),
+    "time_step": ("largest time step taken: the record's own, divided evenly", "s"),
     "population": ("; ".join(f"{key}: {text}" for key, text in POPULATIONS.items()), ""),
     "statistic": ("the error that this share of the scenarios does not exceed: 0.5, 0.9, 1", ""),
 }
@@ -89,34 +88,48 @@ _ABOUT = {
 Values = dict[str, np.ndarray]
 
 
-def run_rows(
-    plan: Plan,
-    table: Scenarios,
-    numerics: Numerics,
-    outputs: Sequence[str],
-    refused: np.ndarray | bool = False,
-    closing: bool = False,
-) -> Values:
-    """Run scenarios of a plan as a sweep does, but for the `refused` ones; variables of shape (rows, *inner)."""
-    able = ~np.broadcast_to(refused, len(table))
+class Setting(NamedTuple):
+    """What runs the scenarios of a plan: a scheme at a step, or an accuracy."""
+
+    label: str
+    numerics: Numerics
+    accuracy: float  # NaN where the step is fixed
+    kernels: Mapping[int, RowKernel]  # by law
+    steps: np.ndarray  # per record interval, of each row of the plan's table
+
+
+def run_rows(plan: Plan, table: Scenarios, setting: Setting, steps: np.ndarray, outputs: Sequence[str]) -> Values:
+    """Run scenarios of a plan, at `steps` per record interval, as a sweep does; variables of shape (rows, *inner)."""
     values = {name: np.full((len(table), *inner_shape(name, plan.spec.scene)), np.nan) for name in outputs}
-    values["status"] = np.full(len(table), int(Status.BEYOND_STABILITY_LIMIT))
-    for law, record in {*zip(table.law[able].tolist(), table.record[able].tolist(), strict=True)}:
-        places = np.flatnonzero((table.law == law) & (table.record == record) & able)
-        kernel, part = replace(plan.kernel(law, closing), numerics=numerics), table[places]
-        result = run_once(ChunkTask(kernel, plan.spec.records[record], part, plan.variants[part.variant], outputs))
-        for name in values.keys() & result.keys():
-            values[name][places] = result[name]
+    values["status"] = np.full(len(table), int(Status.NOT_RUN))
+    for law in np.unique(table.law).tolist():
+        of_law, kernel = np.flatnonzero(table.law == law), setting.kernels[law]
+        for index, count, places in table[of_law].by_step(steps[of_law]):
+            rows, record = of_law[places], plan.spec.records[index]
+            stepped = replace(kernel, numerics=replace(kernel.numerics, dt=record.dt / count))
+            part = table[rows]
+            result = run_scenarios(ChunkTask(stepped, record, part, plan.variants[part.variant], outputs))
+            for name in values.keys() & result.keys():
+                values[name][rows] = result[name]
     return values
+
+
+def fixed_setting(plan: Plan, table: Scenarios, numerics: Numerics, closing: bool = False) -> Setting:
+    """Return a setting of a scheme and a step for scenarios of a plan."""
+    laws = np.unique(table.law).tolist()
+    kernels = {law: replace(plan.kernel(law, closing), numerics=numerics) for law in laws}
+    return Setting(
+        "", numerics, math.nan, kernels, np.array([numerics.steps(r) for r in plan.spec.records])[table.record]
+    )
 
 
 def find_touching(plan: Plan) -> np.ndarray:
     """Rows of the plan's unique table in which floors can meet, found by runs without pounding."""
-    one = np.ones(len(plan.variants))
+    one, table = np.ones(len(plan.variants)), plan.uncoupled_runs
     limit = largest_step(plan.variants, plan.laws[-1], 0.0 * one, one, method="rk4")
-    numerics = Numerics("rk4", min(CLOSING_STEP, 0.5 * float(limit.min())), rest=plan.numerics.rest)
-    closing = run_rows(plan, plan.uncoupled_runs, numerics, ("closing_max",), closing=True)["closing_max"]
-    return ~untouched(plan, closing)
+    numerics = replace(plan.numerics, method="rk4", dt=min(CLOSING_STEP, 0.5 * float(limit.min())))
+    setting = fixed_setting(plan, table, numerics, closing=True)
+    return ~untouched(plan, run_rows(plan, table, setting, setting.steps, ("closing_max",))["closing_max"])
 
 
 class TradeSample(NamedTuple):
@@ -153,100 +166,151 @@ def draw(plan: Plan, scenarios: int, seed: int) -> TradeSample:
     return TradeSample(np.concatenate(groups), tuple(timed), touching)
 
 
+def setting_label(spec: SweepSpec, numerics: Numerics) -> str:
+    """Name the setting of a sweep, as tables and figures do."""
+    fixed = spec.accuracy is None
+    parts = [
+        f"accuracy {scientific(spec.accuracy)}" if spec.accuracy else "",
+        numerics.method if fixed or spec.method else "",
+        "" if spec.locate else "not located",
+        numerics.precision if numerics.precision != "float64" and (fixed or spec.precision) else "",
+        f"{1e3 * numerics.dt:.4g} ms" if fixed else "",
+    ]
+    return ", ".join(filter(None, parts))
+
+
+def make_setting(spec: SweepSpec, touching: np.ndarray, laws: Iterable[int]) -> Setting | None:
+    """Return the setting of a sweep, None where a run refuses it, or some of its scenarios that can touch."""
+    try:
+        plan = make_plan(spec)
+    except SweepError:
+        return None
+    if plan.refused[touching].any():
+        return None
+    kernels, accuracy = {law: plan.kernel(law) for law in laws}, plan.spec.accuracy or math.nan
+    return Setting(setting_label(plan.spec, plan.numerics), plan.numerics, accuracy, kernels, plan.steps)
+
+
+def fixed_settings(spec: SweepSpec, axes: Mapping[str, Sequence[Any]]) -> list[SweepSpec]:
+    """Return the sweep with each scheme and step that takes its row."""
+    return [
+        replace(spec, method=method, locate=located, precision=precision, dt=step, accuracy=None)
+        for method, located, precision, step in product(*axes.values())
+        if SCHEMES[method].refuses(spec.scene, precision) is None and (located or not SCHEMES[method].flies_exactly)
+    ]
+
+
+def measure_errors(
+    plan: Plan, rows: np.ndarray, settings: Sequence[Setting], reference: Numerics, progress: Progress
+) -> dict[str, Any]:
+    """Run scenarios in each setting, and compare them with their converged solution."""
+    outputs, table, n = comparable(plan.spec.outputs), plan.unique[rows], len(rows)
+
+    def run(part: Scenarios, setting: Setting, steps: np.ndarray) -> Values:
+        values = run_rows(plan, part, setting, steps, plan.spec.outputs)
+        progress.advance(n)
+        return values
+
+    progress.stage("converged solution", 3 * n)
+    fine, twice = (
+        fixed_setting(plan, table, replace(reference, dt=k * reference.dt, refinement=reference.refinement / k))
+        for k in (1.0, 2.0)
+    )
+    rounded = changed(table, np.finfo(float).eps)  # no step changes what flies exactly, only its rounding
+    converged = run(table, fine, fine.steps)
+    checked, moved = (run(part, twice, twice.steps) for part in (rounded, changed(table)))
+    reference_error = _errors(outputs, checked, converged)
+    progress.stage("comparisons", len(settings) * n)
+    ran = [run(table, setting, setting.steps[rows]) for setting in settings]
+    errors = np.stack([_errors(outputs, values, converged) for values in ran], axis=-1)
+    errors[np.isnan(reference_error)] = np.nan
+    statuses = np.stack([values["status"] for values in ran], axis=-1).astype(np.int8)
+    return {
+        "scenario_error": (("scenario", "output", "setting"), errors),
+        "scenario_status": (("scenario", "setting"), statuses),
+        "scenario_reference_error": (("scenario", "output"), reference_error),
+        "sensitivity": (("scenario",), _errors(outputs, moved, checked).max(axis=1)),
+    }
+
+
+def measure_costs(
+    plan: Plan, sample: TradeSample, settings: Sequence[Setting], repeats: int, progress: Progress
+) -> dict[str, Any]:
+    """Time each setting in turn, and weigh its laws as the sweep has them."""
+    seconds = np.full((len(sample.timed), len(settings), repeats), np.nan)
+    progress.stage("costs", repeats * len(settings))
+    for repeat, (i, setting) in product(range(repeats), enumerate(settings)):
+        for j, rows in enumerate(sample.timed):
+            started = time.thread_time()
+            run_rows(plan, plan.unique[rows], setting, setting.steps[rows], plan.spec.outputs)
+            seconds[j, i, repeat] = (time.thread_time() - started) / len(rows)
+        progress.advance(1)
+    of_laws = [sample.touching & (plan.unique.law == plan.unique.law[rows[0]]) for rows in sample.timed]
+    # of the sweep's mix of laws, by the mean length of their records
+    durations = np.array([record.duration for record in plan.spec.records])[plan.unique.record]
+    lengths = [durations[rows].mean() / durations[timed[0]] for rows, timed in zip(of_laws, sample.timed, strict=True)]
+    best, median = (1e3 * s.T * np.array(lengths) for s in (seconds.min(axis=-1), np.median(seconds, axis=-1)))
+    shares = np.mean(of_laws, axis=1) / sample.touching.mean()
+    costs = {"cost": best @ shares, "cost_median": median @ shares}
+    return {"law_cost": (("law", "setting"), best.T), **{name: (("setting",), cost) for name, cost in costs.items()}}
+
+
 def measure(
     spec: SweepSpec,
     axes: Mapping[str, Sequence[Any]],
     *,
+    choices: Iterable[SweepSpec],
     scenarios: int,
     seed: int,
     repeats: int,
     workers: int | None,
     progress: Progress,
 ) -> xr.Dataset:
-    """Run a sample of a sweep's scenarios in every configuration of `axes`: errors and costs, not summed up yet."""
-    outputs = comparable(spec.outputs)
-    if not outputs:
+    """Run a sample of a sweep's scenarios in every setting: errors and costs, not summed up yet."""
+    if not comparable(spec.outputs):
         raise InputError(
             f"the outputs {', '.join(spec.outputs)} have no error; ask for others, such as impact_force_max"
         )
     finest = axes["step"][-1]
-    base = replace(spec, method="rk4", dt=finest, locate=True, precision="float64", accuracy=None)
-    plan = Sweep.from_spec(base).plan()
+    plan = make_plan(replace(spec, method="rk4", dt=finest, locate=True, precision="float64", accuracy=None))
     sample = draw(plan, scenarios, seed)
-    table, n = plan.unique[sample.rows], len(sample.rows)
+    laws = [int(plan.unique.law[rows[0]]) for rows in sample.timed]
     stable = REFERENCE_SHARE * float(plan.limit[sample.touching].min())
-    method = reference_scheme(spec.scene, table.gaps)
-    settings: dict[str, Any] = {"beta": spec.beta, "gamma": spec.gamma, "rest": seconds_of_rest(spec.rest)}
-    reference = Numerics(method, min(finest / REFINEMENT, stable), True, **settings)
-    grid = [Numerics(m, step, mode, precision=p, **settings) for m, mode, p, step in product(*axes.values())]
-    limits = {name: make_plan(replace(base, method=name)).limit for name in axes["scheme"]}
-    true_steps = np.array([[_step(record, step) for step in axes["step"]] for record in spec.records])
-    refused = [
-        (true_steps[plan.unique.record, axes["step"].index(one.dt)] > limits[one.method]) & (not spec.force_unstable)
-        | (one.scheme.flies_exactly and not one.locate)
-        for one in grid
-    ]
-    timed_laws = [int(plan.unique.law[rows[0]]) for rows in sample.timed]
-    able = [reference, *(numerics for numerics, rows in zip(grid, refused, strict=True) if not rows.all())]
-    kernels = [replace(plan.kernel(law), numerics=numerics) for numerics in able for law in timed_laws]
-    prepare_kernels(kernels, workers, progress)
+    exact = (name for name in SCHEMES if SCHEMES[name].flies_exactly and SCHEMES[name].refuses(spec.scene) is None)
+    method = next(exact, "rk4")
+    finer = REFINEMENT if SCHEMES[method].flies_exactly else 1.0  # than steps alone make it
+    reference = replace(plan.numerics, method=method, dt=min(finest / REFINEMENT, stable), refinement=finer)
+    chosen = (replace(one, method=None, locate=True, precision=None) for one in choices)
+    own, *others = (make_setting(one, sample.touching, laws) for one in (spec, *chosen, *fixed_settings(spec, axes)))
+    settings = list({one.label: one for one in (*others, own) if one}.values())
+    if not settings:
+        raise InputError("a run refuses every setting that was to be measured; give smaller steps")
+    kernels = [kernel for one in settings for kernel in one.kernels.values()]
+    doubles = [kernel.in_double for kernel in kernels if kernel.accuracy is not None]
+    references = fixed_setting(plan, plan.unique[sample.rows], reference).kernels.values()
+    prepare_kernels([*references, *kernels, *doubles], workers, progress)
+    data = measure_errors(plan, sample.rows, settings, reference, progress)
+    data |= measure_costs(plan, sample, settings, repeats, progress)
 
-    def run(numerics: Numerics, part: Scenarios, is_refused: np.ndarray | bool = False) -> Values:
-        values = run_rows(plan, part, numerics, outputs, is_refused)
-        progress.advance(n)
-        return values
-
-    progress.stage("converged solution", 3 * n)
-    double = replace(reference, dt=2.0 * reference.dt)
-    checked = run(double, changed(table, 2.0**-52))  # no step changes what flies exactly, only its rounding
-    converged, moved = run(reference, table), run(double, changed(table))
-    reference_error = _errors(outputs, checked, converged)
-
-    progress.stage("comparisons", len(grid) * n)
-    ran = [run(numerics, table, rows[sample.rows]) for numerics, rows in zip(grid, refused, strict=True)]
-    errors = np.stack([_errors(outputs, values, converged) for values in ran], axis=-1)
-    errors[np.isnan(reference_error)] = np.nan
-
-    seconds = np.full((len(sample.timed), len(grid), repeats), np.nan)
-    progress.stage("costs", repeats * len(grid))
-    of_laws = [sample.touching & (plan.unique.law == law) for law in timed_laws]
-    for repeat, i in product(range(repeats), range(len(grid))):
-        for j, rows in enumerate(sample.timed):
-            if not refused[i][of_laws[j]].any():
-                kernel, part = replace(plan.kernel(timed_laws[j]), numerics=grid[i]), plan.unique[rows]
-                record, variants = spec.records[part.record[0]], plan.variants[part.variant]
-                task = ChunkTask(kernel, record, part, variants, plan.spec.outputs)
-                started = time.thread_time()
-                run_once(task)
-                seconds[j, i, repeat] = (time.thread_time() - started) / len(rows)
-        progress.advance(1)
-    # of the sweep's mix of laws, by the mean length of their records
-    durations = np.array([record.duration for record in spec.records])[plan.unique.record]
-    lengths = [durations[rows].mean() / durations[timed[0]] for rows, timed in zip(of_laws, sample.timed, strict=True)]
-    best, median = (1e3 * s.T * np.array(lengths) for s in (seconds.min(axis=-1), np.median(seconds, axis=-1)))
-    shares = np.mean(of_laws, axis=1) / sample.touching.mean()
-
-    shape = [len(values) for values in axes.values()]
-    statuses = np.stack([values["status"] for values in ran], axis=-1).astype(np.int8)
-    data = {
-        "scenario_error": (("scenario", "output", *CONFIGURATION), errors.reshape(n, len(outputs), *shape)),
-        "scenario_status": (("scenario", *CONFIGURATION), statuses.reshape(n, *shape)),
-        "scenario_reference_error": (("scenario", "output"), reference_error),
-        "sensitivity": (("scenario",), _errors(outputs, moved, checked).max(axis=1)),
-        "law_cost": (("law", *CONFIGURATION), best.T.reshape(-1, *shape)),
-        "cost": (CONFIGURATION, (best @ shares).reshape(shape)),
-        "cost_median": (CONFIGURATION, (median @ shares).reshape(shape)),
-    }
+    intervals, among = np.array([record.dt for record in spec.records]), sample.touching
+    least = np.full((len(intervals), len(settings)), np.iinfo(np.int32).max)
+    for column, setting in zip(least.T, settings, strict=True):
+        np.minimum.at(column, plan.unique.record[among], setting.steps[among])
+    numbers = np.array([(one.numerics.locate, one.accuracy, one.numerics.dt) for one in settings]).T
     coordinates = {
-        **{name: list(values) for name, values in axes.items()},
-        "located": np.array(axes["located"], np.int8),
-        "time_step": (("record", "step"), true_steps),
-        "output": list(outputs),
+        "setting": [one.label for one in settings],
+        "scheme": ("setting", [one.numerics.method for one in settings]),
+        "located": ("setting", numbers[0].astype(np.int8)),
+        "precision": ("setting", [one.numerics.precision for one in settings]),
+        "accuracy": ("setting", numbers[1]),
+        "step": ("setting", np.where(np.isnan(numbers[1]), numbers[2], np.nan)),
+        "time_step": (("record", "setting"), intervals[:, None] / least),
+        "output": list(comparable(spec.outputs)),
         "status": [s.label for s in STATUS],
-        "law": [plan.laws[law].key for law in timed_laws],
+        "law": [plan.laws[law].key for law in laws],
         "record": [record.name for record in spec.records],
         "pair": list(spec.scene.pair_labels),
-        "scenario": np.arange(1, n + 1),
+        "scenario": np.arange(1, len(sample.rows) + 1),
         **listed_coordinates(plan, sample.rows, "scenario", "scenario_"),
     }
     state = diagnose()
@@ -254,8 +318,9 @@ def measure(
     attributes = {
         **global_attributes(f"Speed-accuracy trade: {spec.title or 'sweep of seismic pounding of adjacent buildings'}"),
         KIND_ATTRIBUTE: KIND,
-        "sample_scenarios": n,
-        "touching_scenarios": int(sample.touching.sum()),
+        "own_setting": own.label if own else "",
+        "sample_scenarios": len(sample.rows),
+        "touching_scenarios": int(among.sum()),
         "unique_scenarios": len(plan.unique),
         "reference": f"{reference.method}, located, {reference.precision}",
         "reference_step": reference.dt,
@@ -271,11 +336,6 @@ def measure(
         "repeats": repeats,
     }
     return xr.Dataset(data, coordinates, attributes)
-
-
-def _step(record: Record, step: float) -> float:
-    """Time step (s) that is taken for a largest one: the record's, divided evenly."""
-    return record.dt / Numerics("rk4", step).steps(record)
 
 
 def _errors(outputs: Sequence[str], values: Values, reference: Values) -> np.ndarray:
@@ -334,7 +394,7 @@ def summarise(measured: xr.Dataset) -> xr.Dataset:
 
     def summary(selected: xr.DataArray | bool, cost: xr.DataArray) -> xr.Dataset:
         among = populations(ok) & selected
-        error = statistics(runs.scenario_error, among).transpose(*CONFIGURATION, "output", "population", ...)
+        error = statistics(runs.scenario_error, among).transpose("setting", "output", "population", ...)
         resolution = RESOLUTION * statistics(runs.scenario_reference_error, among & compared).transpose(*error.dims)
         reached = np.maximum(error.values, resolution.values)  # below it, two errors can't be told apart
         front = [pareto_front(cost.values.ravel(), column) for column in reached.reshape(cost.size, -1).T]
@@ -347,7 +407,7 @@ def summarise(measured: xr.Dataset) -> xr.Dataset:
     codes = xr.DataArray([int(status) for status in STATUS], {"status": runs.status}, dims="status")
     reference = statistics(runs.scenario_reference_error, populations(xr.ones_like(sensitive)))
     by_law = by_law.rename({name: f"law_{name}" for name in by_law.data_vars})
-    trade = runs.merge(summary(True, runs.cost)).merge(by_law)
+    trade = runs.assign(summary(True, runs.cost)).assign(by_law)
     trade["status_count"] = (runs.scenario_status == codes).sum("scenario").astype(np.int32)
     trade["reference_error"] = reference.transpose("output", "population", "statistic")
     for name, variable in trade.variables.items():
@@ -362,40 +422,43 @@ def tradeoff(
     sweep: Sweep,
     *,
     steps: Iterable[float] = DEFAULT_STEPS,
-    methods: Iterable[str] | None = None,
-    located: Iterable[bool] = (True, False),
+    methods: Iterable[str] = DEFAULT_METHODS,
+    located: Iterable[bool] = (True,),
     precisions: Iterable[str] = PRECISIONS,
+    accuracies: Iterable[float] = DEFAULT_ACCURACIES,
     scenarios: int = 96,
     seed: int = 0,
-    repeats: int = 5,
+    repeats: int = 2,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Measure errors and costs of schemes and steps on a sample of a sweep's scenarios.
+    """Measure errors and costs of accuracies, schemes and steps on a sample of a sweep's scenarios.
 
     Parameters
     ----------
     sweep : Sweep
-        The sweep; its own scheme, step and number format don't matter.
+        The sweep, whose own setting is measured too.
     steps : iterable of float
         Largest time steps (s); of those that cut a record alike, one is kept.
-    methods : iterable of str, optional
-        Schemes, out of `pounding_sweep.schemes.SCHEMES`; those that ``accuracy`` chooses from by default.
+    methods : iterable of str
+        Schemes, out of `pounding_sweep.schemes.SCHEMES`.
     located, precisions : iterable of bool and of str
         With contacts located inside the step, without, or both; number formats, out of "float64" and "float32".
+    accuracies : iterable of float
+        Relative errors for which scheme and steps are chosen.
     scenarios, seed : int
         About how many scenarios errors are measured on, and the seed of the random sample.
     repeats : int
-        Passes over all configurations in which costs are measured.
+        Passes over all settings in which costs are measured.
     workers, progress : int and Progress, optional
         Processes that compile kernels, one per core by default (costs are always of one core); and the display.
 
     Returns
     -------
     xarray.Dataset
-        ``error`` on (scheme, located, precision, step, output, population, statistic), ``cost`` (s per thousand
-        scenarios), ``status_count``, ``pareto``, the same by law, and the errors of every single scenario; settings,
-        machine and sweep as attributes.
+        ``error`` on (setting, output, population, statistic), ``cost`` (s per thousand scenarios), ``status_count``,
+        ``pareto``, the same by law, and the errors of every single scenario. Coordinates tell what a setting is; one
+        that a run refuses is left out. Machine, sweep and its ``own_setting`` are attributes.
 
     Raises
     ------
@@ -406,10 +469,10 @@ def tradeoff(
     --------
     >>> import pounding_sweep as ps
     >>> sweep = ps.Sweep("mate2015", records="el_centro", laws="linear", gaps=[0.005, 0.01])
-    >>> only = {"methods": ["rk4"], "located": [True], "precisions": ["float64"]}
+    >>> only = {"methods": ["exact"], "precisions": ["float64"], "accuracies": []}
     >>> trade = ps.tradeoff(sweep, steps=[1e-3], scenarios=2, repeats=1, **only)
     >>> worst = trade.error.sel(population="all", statistic="worst", output="impact_force_max")
-    >>> bool(worst.item() < 1e-3)
+    >>> bool((worst < 1e-3).all())
     True
     """
     modes = tuple(dict.fromkeys(bool(value) for value in located))
@@ -417,13 +480,14 @@ def tradeoff(
         if count < 1:
             raise InputError(f"{name} = {count!r} must be at least 1")
     axes = {
-        "scheme": _chosen("method", measured_schemes() if methods is None else methods, METHODS),
+        "scheme": _chosen("method", methods, METHODS),
         "located": modes,
         "precision": _chosen("precision", precisions, PRECISIONS),
         "step": _distinct_steps(sweep.spec, steps),
     }
     sizes = {"scenarios": scenarios, "seed": seed, "repeats": repeats}
-    return summarise(measure(sweep.spec, axes, workers=workers, progress=progress or Progress(), **sizes))
+    progress, choices = progress or Progress(), [with_accuracy(sweep.spec, accuracy) for accuracy in accuracies]
+    return summarise(measure(sweep.spec, axes, choices=choices, workers=workers, progress=progress, **sizes))
 
 
 def _chosen(kind: str, requested: Iterable[str], valid: Sequence[str]) -> tuple[str, ...]:
@@ -442,7 +506,7 @@ def _distinct_steps(spec: SweepSpec, steps: Iterable[float]) -> tuple[float, ...
     for step in sorted((float(s) for s in steps), reverse=True):
         if not (math.isfinite(step) and step > 0):
             raise InputError(f"step {step!r} must be a positive number (s), such as 1e-3")
-        by_cut.setdefault(tuple(_step(record, step) for record in spec.records), step)
+        by_cut.setdefault(tuple(Numerics("rk4", step).steps(record) for record in spec.records), step)
     if not by_cut:
         raise InputError("no steps are given; give one or more (s), such as 1e-3")
     return tuple(by_cut.values())
@@ -454,6 +518,8 @@ def _distinct_steps(spec: SweepSpec, steps: Iterable[float]) -> tuple[float, ...
 LEADING = {"impact_force_max": "force", "displacement_max": "displ."}
 #: What is told of an error: its name, the variable and its type.
 _CELL = {"value": ("error", float), "resolution": ("resolution", float), "pareto": ("pareto", bool)}
+#: Share of a cost that is noise.
+NOISE = 0.1
 #: Smallest order of convergence that is shown: errors of rounding do not fall with the step.
 LEAST_ORDER = 0.05
 
@@ -480,23 +546,62 @@ def _by_label(values: Any, *labels: Sequence[str]) -> Any:
 
 
 def trade_rows(trade: xr.Dataset) -> list[dict[str, Any]]:
-    """Return one row per configuration."""
+    """Return one row per setting."""
     check_trade(trade)
     trade, rows = trade.load(), []
     labels = [trade[dim].values.tolist() for dim in ("output", "population", "statistic")]
-    for place in product(*(range(trade.sizes[dim]) for dim in CONFIGURATION)):
-        one = trade.isel(dict(zip(CONFIGURATION, place, strict=True)))
-        if SCHEMES[one["scheme"].item()].flies_exactly and not one["located"]:
-            continue  # there is no such thing: it flies exactly between located touches
+    for place in range(trade.sizes["setting"]):
+        one = trade.isel(setting=place)
         cells = [one[name].values.astype(kind).astype(object) for name, kind in _CELL.values()]
         rows.append(
-            {name: one[name].item() for name in CONFIGURATION}
+            {name: one[name].item() for name in ("setting", "scheme", "precision")}
             | {"located": bool(one["located"]), "time_steps": one["time_step"].to_series().to_dict()}
-            | {name: finite(one[name].item()) for name in ("cost", "cost_median")}
+            | {name: finite(one[name].item()) for name in ("accuracy", "step", "cost", "cost_median")}
             | {"statuses": {label: count for label, count in one["status_count"].to_series().items() if count}}
             | {"errors": _by_label(np.stack(cells, axis=-1).tolist(), *labels, list(_CELL))}
         )
     return rows
+
+
+def compared(trade: xr.Dataset) -> xr.Dataset:
+    """Return cost and worst error of each setting: of leading outputs, and no less than is resolved."""
+    check_trade(trade)
+    steady = int(trade.attrs["sample_scenarios"]) > int(trade.attrs["sensitive_scenarios"])
+    at = {"output": leading_outputs(trade), "population": "steady" if steady else "all", "statistic": "worst"}
+    error = trade[["error", "resolution"]].sel(at, drop=True).to_array().max(["variable", "output"])
+    front = pareto_front(trade["cost"].values, error.values)
+    return trade[["cost"]].assign(error=error, front=("setting", front))
+
+
+def answer(trade: xr.Dataset) -> dict[str, Any]:
+    """Return which setting to take, what to write into the sweep file, and how the sweep's own one compares.
+
+    It is the cheapest accuracy as strict as the sweep's own or the default one, since that holds for every scenario;
+    without one the cheapest setting that errs no more in the sample, and else the one that errs least.
+    """
+    settings, own = compared(trade), trade.attrs["own_setting"]
+    accuracy, error = settings["accuracy"].values, settings["error"].values
+    is_own = settings["setting"].values == own
+    stated = accuracy[is_own & ~np.isnan(accuracy)]
+    wanted = float(stated[0]) if len(stated) else DEFAULT_ACCURACY
+    cost = settings["cost"].values * np.where(is_own, 1.0 - NOISE, 1.0)  # noise is no reason to change a setting
+    ok = trade["status_count"].sel(status=Status.OK.label).values
+    strict, kept, least = accuracy <= wanted, (error <= wanted) & (ok == ok.max()), error <= np.nanmin(error)
+
+    def cheapest(*choices: np.ndarray) -> dict[str, Any]:
+        able = next(rows for rows in choices if rows.any())
+        return _numbers_of(settings.isel(setting=int(np.where(able, cost, math.inf).argmin())))
+
+    best = cheapest(strict, kept, least)
+    solver = {name: best[key] for name, key in (("method", "scheme"), ("dt", "step"), ("locate", "located"))}
+    solver = solver | {"precision": best["precision"]} if best["accuracy"] is None else {"accuracy": best["accuracy"]}
+    others = {"own": _numbers_of(settings.sel(setting=own)) if own else None, "fastest": cheapest(kept, least)}
+    return {"wanted": wanted, "solver": solver, "best": best, **others}
+
+
+def _numbers_of(setting: xr.Dataset) -> dict[str, Any]:
+    names = "setting", "scheme", "precision", "accuracy", "step", "cost", "error"
+    return {name: finite(setting[name].item()) for name in names} | {"located": bool(setting["located"])}
 
 
 def report(trade: xr.Dataset) -> dict[str, Any]:
@@ -505,57 +610,51 @@ def report(trade: xr.Dataset) -> dict[str, Any]:
     errors = trade["reference_error"].transpose("output", "population", "statistic")
     return {
         **{name: int(trade.attrs[name]) for name in counts},
+        "answer": answer(trade),
         "reference_step": float(trade.attrs["reference_step"]),
         "reference_errors": _by_label(errors.values.tolist(), *(errors[dim].values.tolist() for dim in errors.dims)),
-        "configurations": trade_rows(trade),
+        "settings": trade_rows(trade),
     }
 
 
-def table_of(trade: xr.Dataset, population: str = "steady") -> tuple[list[str], list[list[str]]]:
-    """Return the headings and rows of the table on the terminal."""
-    columns = list(product(leading_outputs(trade), ("median", "worst")))
-    rows = []
-    for row in trade_rows(trade):
+def table_of(trade: xr.Dataset, population: str = "steady", full: bool = True) -> tuple[list[str], list[list[str]]]:
+    """Return the headings and rows of the table on the terminal: of few settings, or in `full`."""
+    columns, settings = list(product(leading_outputs(trade), ("median", "worst"))), compared(trade)
+    own, is_front = settings["setting"].values == trade.attrs["own_setting"], settings["front"].values
+    order = np.arange(trade.sizes["setting"]) if full else np.argsort(settings["cost"].values)
+    shown, rows = own | is_front | np.isfinite(settings["accuracy"].values) | full, []
+    all_rows = trade_rows(trade)
+    for place in order[shown[order]].tolist():
+        row = all_rows[place]
         statuses = dict(row["statuses"])
-        ok = statuses.pop(Status.OK.label, 0)
-        is_refused = statuses.get(Status.BEYOND_STABILITY_LIMIT.label) == trade.sizes["scenario"]
-        steps = sorted(set(row["time_steps"].values()))
+        statuses.pop(Status.OK.label, 0)
         others = ", ".join(f"{count} {label.replace('_', ' ')}" for label, count in statuses.items())
-        rows.append(
-            [
-                row["scheme"],
-                "yes" if row["located"] else "no",
-                row["precision"],
-                " to ".join(f"{step:.4g}" for step in dict.fromkeys((steps[0], steps[-1]))),
-                "-" if row["cost"] is None else f"{row['cost']:.3g}",
-                *(_error_text(row["errors"][name][population][statistic], is_refused) for name, statistic in columns),
-                str(ok),
-                others or "-",
-            ]
-        )
+        cells = (_error_text(row["errors"][name][population][statistic]) for name, statistic in columns)
+        label = row["setting"] + "*" * bool(is_front[place]) + " (yours)" * bool(own[place])
+        rows.append([label, f"{row['cost']:.3g}", *cells, others or "-"])
     errors = [f"{LEADING.get(name, name)} {statistic}" for name, statistic in columns]
-    return ["scheme", "located", "precision", "step s", "s per 1000", *errors, "ok", "not ok"], rows
+    return ["setting", "s/1000", *errors, "not ok"], rows
 
 
-def _error_text(error: dict[str, Any], is_refused: bool) -> str:
+def _error_text(error: dict[str, Any]) -> str:
     value, resolution = error["value"], error["resolution"]
     if value is None:
-        text = "-" if is_refused or resolution is None else "diverged"
-    else:
-        text = f"{value:.1e}" if resolution is None or value >= resolution else f"<{resolution:.1e}"
-    return text + ("*" if error["pareto"] else " ")
+        return "-" if resolution is None else "diverged"
+    return f"{value:.1e}" if resolution is None or value >= resolution else f"<{resolution:.1e}"
 
 
 def order_table(trade: xr.Dataset) -> tuple[list[str], list[list[str]]]:
     """Return the headings and rows of the orders of convergence: one row per law and leading output."""
-    schemes = trade["scheme"].values.tolist()
-    median = trade.sel(population="steady", statistic="median", precision="float64")
-    median = median.isel(located=int(np.argmax(trade["located"].values)))
+    is_fixed = (
+        (trade["precision"] == "float64") & (trade["located"] == trade["located"].max()) & trade["step"].notnull()
+    )
+    median = trade.sel(population="steady", statistic="median").isel(setting=is_fixed.values)
+    schemes = list(dict.fromkeys(median["scheme"].values.tolist()))
     rows = []
     for law, output in product(trade["law"].values.tolist(), leading_outputs(trade)):
         cells = [law, LEADING.get(output, output)]
         for scheme in schemes:
-            one = median.sel(law=law, output=output, scheme=scheme)
+            one = median.sel(law=law, output=output).isel(setting=(median["scheme"] == scheme).values)
             error, step = one["law_error"].values, one["step"].values
             fitted = np.isfinite(error) & (error > 0.0) & (one["law_resolved"].values == 1)
             fit = np.polyfit(np.log(step[fitted]), np.log(error[fitted]), 1)[0] if fitted.sum() >= 3 else math.nan

@@ -141,6 +141,12 @@ def comma_hint(values: Sequence[Any]) -> str:
     return f"decimals have a point: give [{', '.join(decimals)}], if these were meant"
 
 
+def scientific(value: float) -> str:
+    """Write a number by its power of ten, as 2.5e-3."""
+    mantissa, _, power = f"{value:.9e}".partition("e")
+    return f"{float(mantissa):g}e{int(power)}"
+
+
 def read_share(value: Any) -> float:
     """Return a number, from a text too, which may be in per cent: 0.01 of "1%"; raises `InputError` if it is none."""
     text = value if isinstance(value, str) else ""

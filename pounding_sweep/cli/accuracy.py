@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from typer import Exit
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.base.text import bytes_text, finite, print_json, print_pairs, print_table, seconds_text
+from pounding_sweep.base.text import bytes_text, finite, print_json, print_pairs, print_table, scientific, seconds_text
 from pounding_sweep.cli import app
 from pounding_sweep.cli.app import (
     AsJson,
@@ -34,6 +35,7 @@ def tradeoff_command(
     sweep: SweepFile,
     out: Path | None = output("TRADE.nc", "netCDF file for the result."),
     steps: str | None = option("LIST", "Time steps (s), separated by commas; 5e-3 to 2.5e-4 by default."),
+    everything: bool = flag("--all", "Measure newmark and contacts that are not located too; list every setting."),
     scenarios: int = option("N", "About how many scenarios to measure on.", default=96),
     seed: int = option("S", "Seed of the random sample.", default=0),
     figure: Path | None = option("FILE", f"Work-precision figure: {app.FIGURE_FILE}", "--plot"),
@@ -43,10 +45,11 @@ def tradeoff_command(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Measure error and cost of schemes, steps and number formats on a sample of a sweep."""
+    """Say which accuracy or step to take, by error and cost of each on a sample of a sweep."""
     from pounding_sweep.accuracy.tradeoff import DEFAULT_STEPS, report, tradeoff
     from pounding_sweep.figures import plot
     from pounding_sweep.output.netcdf import check_output, write_cube
+    from pounding_sweep.plan.advice import measured_schemes
     from pounding_sweep.run.sweep import load_sweep
 
     if out is not None:
@@ -56,7 +59,9 @@ def tradeoff_command(
     loaded = load_sweep(sweep, folders=folders)
     chosen = DEFAULT_STEPS if steps is None else app.numbers_of(steps, "--steps")
     with app.progress_display(quiet) as progress:
-        trade = tradeoff(loaded, steps=chosen, scenarios=scenarios, seed=seed, workers=workers, progress=progress)
+        more: Any = {"methods": measured_schemes(), "located": (True, False)} if everything else {}
+        sample: Any = {"scenarios": scenarios, "seed": seed, "workers": workers}
+        trade = tradeoff(loaded, steps=chosen, progress=progress, **sample, **more)
     if out is not None:
         write_cube(trade, out, overwrite)
     if figure is not None:
@@ -64,39 +69,64 @@ def tradeoff_command(
     if as_json:
         print_json(report(trade))
     else:
-        _print_trade(trade)
+        _print_trade(trade, everything)
         files = [str(file) for file in (figure, out) if file is not None]
         print(*files, sep="\n", end="\n" * bool(files))
 
 
-def _print_trade(trade: xr.Dataset) -> None:
-    from pounding_sweep.accuracy.tradeoff import leading_outputs, order_table, table_of
+def _print_trade(trade: xr.Dataset, everything: bool) -> None:
+    from pounding_sweep.accuracy.tradeoff import answer, leading_outputs, order_table, table_of
 
-    attributes = trade.attrs
+    attributes, advice = trade.attrs, answer(trade)
     sample, sensitive = int(attributes["sample_scenarios"]), int(attributes["sensitive_scenarios"])
-    headings, rows = table_of(trade)
-    right = range(3, len(headings) - 1)
+    best, own, fastest = (advice[name] for name in ("best", "own", "fastest"))
+
+    def beside_best(one: dict[str, Any]) -> str:
+        times, errors = one["cost"] / best["cost"], one["error"] / best["error"]
+        return f"{one['setting']}: {times:.2g} times the time, {errors:.2g} times the error"
+
+    print(
+        f"Take {best['setting']} (by {best['scheme']}, {best['precision']}){', as your file does' * (best == own)}: "
+        f"{best['cost']:.2g} s per 1000 scenarios on one core, worst error {best['error']:.1e}."
+    )
+    if own is None:
+        print("Your file: a run refuses scenarios of it, beyond the stability limit of its step.")
+    elif own != best:
+        print(f"Your file, {beside_best(own)}.")
+    if fastest["cost"] < 0.9 * best["cost"]:
+        print(f"Fastest within {advice['wanted']:g}, but only in this sample: {beside_best(fastest)}.")
+    texts = {name: scientific(x) if isinstance(x, float) else json.dumps(x) for name, x in advice["solver"].items()}
+    lines = [f"{name} = {text}" for name, text in texts.items()]
+    print("", "[solver]", *lines, "", sep="\n")
+    headings, rows = table_of(trade, full=everything)
+    right = range(1, len(headings) - 1)
     print_table(headings, rows, right)
     reference = trade["reference_error"].sel(population="steady", statistic="worst")
     limits = ", ".join(f"{reference.sel(output=name).item():.1e} ({name})" for name in leading_outputs(trade))
     print(
         f"\n{sample} of {attributes['touching_scenarios']} touching scenarios are measured. Errors are relative, of "
         f"the {sample - sensitive} that are not sensitive.\n"
-        "s per 1000: processor seconds per thousand scenarios on one core; * no other row is cheaper and as accurate.\n"
+        "s/1000: processor seconds per thousand scenarios on one core; * no other setting is cheaper and as accurate.\n"
         f"Compared with {attributes['reference']} at {attributes['reference_step']:.4g} s, whose worst error is at "
-        f"most {limits}; < marks errors below {attributes['resolution_factor']:g} times that of the same scenarios.\n"
+        f"most {limits}; < marks errors below {attributes['resolution_factor']:g} times that of the same scenarios."
     )
-    headings, rows = order_table(trade)
-    print_table(headings, rows, range(2, len(headings)))
-    print("order: by which power of the step the median error falls (located, float64; resolved errors only).")
+    if everything:
+        headings, orders = order_table(trade)
+        print()
+        print_table(headings, orders, range(2, len(headings)))
+        print("order: by which power of the step the median error falls (located, float64; resolved errors only).")
+    else:
+        print(
+            f"{trade.sizes['setting']} settings are measured; --all lists them, newmark and contacts not located too."
+        )
     if sensitive:
         print(
             f"\n{sensitive} scenarios ({sensitive / sample:.1%}) are sensitive: gaps, stiffness and ground motion "
             f"changed by {attributes['input_change']:g} of themselves change an output by more than "
             f"{attributes['sensitive_change']:g}. Their errors:"
         )
-        headings, rows = table_of(trade, "sensitive")
-        print_table(headings[:-2], [row[:-2] for row in rows], right)
+        headings, rows = table_of(trade, "sensitive", everything)
+        print_table(headings[:-1], [row[:-1] for row in rows], right)
 
 
 #: Violations that are printed in full.

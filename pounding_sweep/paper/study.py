@@ -23,7 +23,7 @@ from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import InputError, MissingRecordError
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, get_law
 from pounding_sweep.model.presets import PRESETS
-from pounding_sweep.outputs.variables import WITH_VALUES, get_variable, relative_errors
+from pounding_sweep.outputs.variables import WITH_VALUES, Status, get_variable, relative_errors
 from pounding_sweep.records import Record, find_record, records_dataset
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.run.execute import Progress
@@ -197,8 +197,11 @@ def step_errors(reading: Reading, progress: Progress) -> xr.Dataset:
     """Measure what each scheme and step errs by, in the response that the paper varied the step for."""
     sweep = Sweep(reading.preset, "el_centro", "linear", gaps=[GAP], rest=0.0, outputs=list(STEP_OUTPUTS))
     choices: Any = {"methods": ("rk4", "newmark"), "precisions": ("float64",), "scenarios": 1, "repeats": 1}
+    choices |= {"located": (False, True), "accuracies": ()}
     trade = tradeoff(sweep, steps=STEPS_COMPARED, progress=progress, **choices)
-    one = trade[["scenario_error", "scenario_status"]].isel(scenario=0, precision=0, drop=True)
+    one = trade[["scenario_error", "scenario_status"]].isel(scenario=0, setting=trade["step"].notnull().values)
+    one = one.set_index(setting=["scheme", "located", "step"]).unstack("setting").sortby("step", ascending=False)
+    one["scenario_status"] = one["scenario_status"].fillna(int(Status.BEYOND_STABILITY_LIMIT))
     return one.rename(scenario_error="error", scenario_status="status").reset_coords(drop=True)
 
 

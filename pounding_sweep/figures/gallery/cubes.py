@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.rcsetup import cycler
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from pounding_sweep.accuracy.tradeoff import check_trade, leading_outputs
+from pounding_sweep.accuracy.tradeoff import compared, leading_outputs
 from pounding_sweep.analysis.comparisons import EVENTS, MOTION_DIMS
 from pounding_sweep.analysis.comparisons.fragility import (
     MEANINGS,
@@ -919,44 +919,51 @@ def _describe_group(group: xr.Dataset, names: Collection[str]) -> str:
     return join_nonempty(law_name(group, law) if law else "", records, others.replace("_", " "))
 
 
-@figure_of("work-precision", "trade", "scheme, located, error, cost")
-def work_precision(trade: xr.Dataset) -> Figure:
-    """Draw worst error of schemes, steps and number formats against their cost, from 'tradeoff'.
+#: Most lines of a figure of a trade.
+_MOST_LINES = 6
 
-    The cost is seconds per thousand scenarios; there is one line per scheme, located or not, and number format.
-    Along a line the step changes. Colour and marker tell scheme and locating; a hollow marker on a dashed line is
-    float32. A ring marks the Pareto front: configurations that no other is cheaper than and as accurate as. Errors
-    in the grey band are below what the converged solution resolves.
+
+@figure_of("work-precision", "trade", "setting, error, cost")
+def work_precision(trade: xr.Dataset) -> Figure:
+    """Draw worst error of accuracies, schemes and steps against their cost, from 'tradeoff': lower left is better.
+
+    The cost is seconds per thousand scenarios. Along a line of a scheme the step changes. A star marks the sweep's own
+    setting, a ring what no other setting is cheaper than and as accurate as. Of more than six lines those nearest the
+    lower left are drawn.
     """
-    check_trade(trade)
-    chosen = trade.sel(population="steady", statistic="worst")
-    chosen = chosen.where(np.isfinite(chosen["error"]) & np.isfinite(chosen["cost"]) & (chosen["error"] > 0.0))
-    if not chosen["error"].notnull().any():
+    chosen, front = trade.sel(population="steady", statistic="worst"), compared(trade)["front"].values
+    drawn = (chosen["error"] > 0.0) & (chosen["error"] < np.inf) & (chosen["cost"] < np.inf)
+    if not drawn.any():
         raise InputError("figure 'work-precision' has nothing to show: all is refused or diverged; measure finer steps")
     outputs = leading_outputs(trade)
+    labels = [label.rpartition(", ")[0] for label in trade["setting"].values.tolist()]  # without steps
+    names = np.array([label.replace("float32", "single precision") or "accuracy" for label in labels])
+    product_of = (chosen["error"].where(drawn).max("output") * chosen["cost"]).fillna(np.inf).values
+    nearest = sorted(dict.fromkeys(names), key=lambda name: (name != "accuracy", product_of[names == name].min()))
     axes = subplots(1, len(outputs), (1.2, 3.6, 4.6, 0.0))
-    ring = {"marker": "o", "markersize": 11, "markerfacecolor": "none", "linestyle": "none", "color": "0.35"}
+    own = trade["setting"].values == trade.attrs["own_setting"]
+    marks = (
+        (front, "none cheaper and as accurate", {"marker": "o", "markersize": 11, "markerfacecolor": "none"}),
+        (own, "your setting", {"marker": "*", "markersize": 13, "zorder": 4}),
+    )
     for ax, output in zip(axes[0], outputs, strict=True):
-        one = chosen.sel(output=output)
-        kinds = product(one["scheme"].values, one["located"].values)
-        for ((scheme, located), style), precision in product(zip(kinds, MARKED, strict=False), one["precision"].values):
-            line = one.sel(scheme=scheme, located=located, precision=precision).dropna("step", subset=["error"])
-            hollow = {"linestyle": "--", "markerfacecolor": "white"} if precision == "float32" else {}
-            label = f"{scheme}, {'located' if located else 'not located'}, {precision}"
-            if line.sizes["step"]:
-                ax.plot(line["cost"], line["error"], label=label, **style | hollow)
-        front = one.where(one["pareto"] == 1).stack(place=one["error"].dims)
-        ax.plot(front["cost"], front["error"], label="Pareto front", **ring)
+        one = chosen.sel(output=output).where(drawn.sel(output=output))
+        for name, style in zip(nearest[:_MOST_LINES], MARKED, strict=False):
+            line = one.isel(setting=names == name).sortby("cost")
+            ax.plot(line["cost"], line["error"], label=name, **style)
+        for rows, label, style in marks:
+            ax.plot(one["cost"][rows], one["error"][rows], label=label, linestyle="none", color="0.35", **style)
         ax.set(yscale="log", title=get_variable(output).long_name)
         use_logarithms(ax.xaxis)
     bottom = axes[0, 0].get_ylim()[0]
     for ax, output in zip(axes[0], outputs, strict=True):
         limit = float(trade["resolution"].sel(population="steady", statistic="worst", output=output).max())
         if limit > bottom:
-            ax.axhspan(bottom, limit, color="0.9", zorder=0, linewidth=0)
+            label = "below what the converged solution tells"
+            ax.axhspan(bottom, limit, color="0.9", zorder=0, linewidth=0, label=label)
     axes[0, 0].set_ylim(bottom=bottom)
     count = int(trade.attrs["sample_scenarios"]) - int(trade.attrs["sensitive_scenarios"])
-    steps = trade["step"].values * 1e3
-    notes = f"{count} scenarios", f"steps {steps[0]:g} ms (left) to {steps[-1]:g} ms (right)"
+    steps = 1e3 * trade["step"].max().item(), 1e3 * trade["step"].min().item()
+    notes = f"{count} scenarios", f"steps {steps[0]:g} ms (left) to {steps[1]:g} ms (right)"
     label = "cost (s per thousand scenarios, one core)"
-    return finish(axes, label, "worst relative error", "Worst error of the schemes by cost", *notes, legend=2)
+    return finish(axes, label, "worst relative error", "Worst error by cost: lower left is better", *notes, legend=2)
