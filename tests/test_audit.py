@@ -29,7 +29,7 @@ from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.spec.build import build_spec
 
 #: Several groups of lanes in the audit, by this title of both laws that touch.
-LARGER = {"gaps": [0.0005, 0.5, 0.001, 0.002, 0.003, 0.005, 0.01, 0.02], "audit": 1.0, "title": "two"}
+LARGER = {"gaps": [0.0005, 0.5, 0.001, 0.002, 0.003, 0.005, 0.01, 0.02], "audit": 1.0, "title": "two", "rest": 0.0}
 
 
 @pytest.fixture(scope="module")
@@ -141,7 +141,9 @@ def test_the_audit_is_the_same_whoever_runs_it(audited, monkeypatch):
 def plan_of(n_gaps, share, **changes):
     gaps = np.linspace(0.001, 0.02, n_gaps).tolist()
     return make_plan(
-        build_spec(**{"scene": row(), "records": motions(), **AXES, "gaps": gaps, "audit": share, **changes})
+        build_spec(
+            **{"scene": row(), "records": motions(), **AXES, "gaps": gaps, "audit": share, "rest": 0.0, **changes}
+        )
     )
 
 
@@ -311,7 +313,7 @@ def test_nothing_to_audit(stub_engine):
 
 def test_the_file_holds_it(tmp_path):
     out = tmp_path / "out.nc"
-    cube = make().run(out, scheduler="synchronous").load()
+    cube = make(rest=0.0).run(out, scheduler="synchronous").load()
     text = describe(cube)
     assert "Audit: relative errors" in text
     assert errors_sentence(cube, cube.attrs) in text

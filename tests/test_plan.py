@@ -53,7 +53,7 @@ PRODUCT = {
 def alone(scene, record, law, k, e, gaps, scale):
     """One scenario by itself: nothing shared with others, nothing left out, the law in its own kernel."""
     outputs = tuple(OUTPUTS)
-    kernel = RowKernel(scene, get_law(law), Numerics("rk4", 0.005), reducers_for(outputs))
+    kernel = RowKernel(scene, get_law(law), Numerics("rk4", 0.005, rest=np.inf), reducers_for(outputs))
     raw = kernel.run(
         record,
         scale=np.array([scale]),
