@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from scenes import call
@@ -397,6 +398,48 @@ def test_the_map_shows_what_each_scheme_can_do(tmp_path, not_rendered):
     assert len(not_rendered) == 1
 
 
+def test_the_conclusion_is_the_worst_of_all_schemes_and_leaves_out_what_is_excused(honest):
+    exact, other = verdict(honest, "exact"), verdict(honest)
+    exact.loc[0, "error"], other.loc[0, ["error", "sensitive"]] = 0.02, [0.5, True]
+    text = suite.conclude(suite.summarise(pd.concat([exact, other], ignore_index=True)))
+    assert text.startswith("No result called ok was off by more than 2 % in 6 extreme scenarios, but 1 that")
+    assert text.endswith("ok holds up to k = 1e+07 kN/m^n, step = 0.001 s.")  # 1e12 is refused
+    exact["status"] = other["status"] = "diverged"
+    assert suite.conclude(suite.summarise(exact)).startswith("No result was called ok in")
+
+
+SWEEP = """\
+[scene]
+gaps = [0.006]
+contact = { linear_stiffness = 8e5, restitution = 0.6 }
+row = [
+    { name = "a", masses = [120.0, 90.0], stiffnesses = [1.5e5, 1.2e5] },
+    { name = "b", masses = [80.0, 110.0], stiffnesses = [2.4e5, 2.0e5] },
+]
+[sweep]
+records = [{ pulse = "sine", amplitude = 4.0, period = 0.6, dt = 0.02, duration = 9.0 }]
+laws = ["kelvin_voigt", "none"]
+gaps = [0.002, 0.004]
+stiffness_factors = [1.0, 2.0]
+"""
+
+
+def test_a_sweep_is_judged_at_the_ends_of_stiffness_mass_step_and_gap(tmp_path):
+    (tmp_path / "row.toml").write_text(SWEEP)
+    batches = suite.sweep_batches(ps.load_sweep(tmp_path / "row.toml").spec)
+    assert [batch.scene.buildings[0].masses[0] for batch in batches] == pytest.approx([1.2, 120.0, 12000.0])
+    table = batches[0].table
+    assert sorted(set(table.stiffness)) == pytest.approx([8e3, 1.6e4, 8e5, 1.6e6, 8e7, 1.6e8])
+    assert sorted(set(table.gaps[:, 0])) == [0.0, 0.002, 0.004]
+    assert batches[0].record.duration < 5.1
+    assert batches[0].record.pga == pytest.approx(4.0, rel=0.01)
+    done = call("extremes", tmp_path / "row.toml", "--json", "--workers", "1")
+    report = json.loads(done.stdout)
+    assert {result["family"] for result in report["results"]} == {"your row"}
+    assert report["laws"] == ["kelvin_voigt"]
+    assert report["results"][0]["scenarios"] == 3 * len(table) * len(suite.STEPS)
+
+
 def test_the_command_prints_a_table_and_json_and_fails_where_the_claim_does(monkeypatch):
     few = ("extremes", "--scenes", "16", "--law", LAW, "--family", "gap", "--family", "random", "--workers", "1")
     done = call(*few)
@@ -404,6 +447,9 @@ def test_the_command_prints_a_table_and_json_and_fails_where_the_claim_does(monk
     for family in ("gap", "random"):  # in the table of statuses, and in that of what the judge found
         assert all(rows.count([family, scheme]) == 2 for scheme in measured_schemes())
     assert "0 violations" in done.stdout
+    assert re.match(
+        r"No result called ok was off by more than \S+ % in \d+ extreme scenarios.*; ok holds up", done.stdout
+    )
     monkeypatch.setattr(suite, "OK_CLAIM", 1e-12)
     for excuse in ("unsettled_rows", "sensitive_rows"):
         monkeypatch.setattr(suite, excuse, lambda *arguments: np.zeros(len(arguments[-1]), bool))

@@ -57,7 +57,7 @@ COMMANDS = {
     "--at --output-step",
     "animate": "sweep -o --output --start --end --frames --speed",
     "tradeoff": "sweep -o --output --steps --all --scenarios --seed --plot --workers --json",
-    "extremes": "--scenes --seed --law --family --precision --map --plot --workers --json",
+    "extremes": "sweep --scenes --seed --law --family --precision --map --plot --workers --json",
     "paper": "cubes -o --output --records --json",
     "laws": "--restitution --e --json",
     "records": "--records --json",

@@ -40,12 +40,14 @@ from pounding_sweep.outputs.variables import (
     relative_errors,
 )
 from pounding_sweep.plan.advice import measured_schemes
+from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, changed
 from pounding_sweep.records import Record, synthetic_record
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.refinement import Values, run_scenarios
 from pounding_sweep.schemes import SCHEMES, reference_scheme
 from pounding_sweep.schemes.stability import largest_step
+from pounding_sweep.spec.spec import SweepSpec
 
 #: Peaks whose error is judged, and what every run reports beside them; the same of storeys that yield.
 PEAKS = ("displacement_max", "displacement_min", "impact_force_max", "penetration_max")
@@ -224,6 +226,9 @@ LEAST_RESTITUTION = 1.0e-3
 STIFFNESS = {1.0: 1.0e6, 1.5: 1.0e7}
 #: Time steps (s) of a family that stretches something else, and of random scenes.
 STEPS, RANDOM_STEPS = (1.0e-2, 2.0e-3, 2.0e-4), (5.0e-3, 1.0e-3, 2.0e-4)
+#: Name of the family of a sweep's own row, factors on its first building's masses and on contact stiffness, and seconds
+#: of its record before and after the peak.
+SWEEP, MASS_FACTORS, STIFFER, PEAK_SECONDS = "your row", (0.01, 1.0, 100.0), (0.01, 1.0, 100.0), 2.5
 #: Families that are run under one law of each force exponent, because their kernels are slow to compile; and those of
 #: laws whose force is linear in the penetration.
 OF_MANY_SHAPES, LINEAR = ("row", "walls", "together", "smooth"), ("columns",)
@@ -302,6 +307,25 @@ def family_batches(keys: Iterable[str], laws: Sequence[Law]) -> list[Batch]:
         if law.exponent == 1.0 or key not in LINEAR
         for case, scene, settings in all_families()[key]
     ]
+
+
+def sweep_batches(spec: SweepSpec) -> list[Batch]:
+    """Return batches of a sweep's row, laws and first record around its peak, at the ends of what a user may change."""
+    plan, record, batches = make_plan(spec), spec.records[0], []
+    peak, reach = int(np.abs(record.acceleration).argmax()), round(PEAK_SECONDS / record.dt)
+    motion = Record(record.name, record.dt, record.acceleration[max(0, peak - reach) : peak + reach])
+    first = spec.scene.row.index(spec.scene.buildings[0])
+    for factor, (i, rows) in product(MASS_FACTORS, plan.unique.by_law()):
+        law, part = plan.laws[i], plan.unique[rows]
+        if law.has_contact:
+            items = list(spec.scene.row)
+            items[first] = replace(spec.scene.buildings[0], masses=factor * np.array(spec.scene.buildings[0].masses))
+            ends = {"gaps": [0.0, part.gaps.min(), part.gaps.max()], "restitution": part.restitution.min()}
+            ends |= {"stiffness": np.multiply.outer([part.stiffness.min(), part.stiffness.max()], STIFFER).ravel()}
+            case = f"masses of {items[first].name} times {factor:g}"
+            ends |= {"scale": part.scale.max(), "steps": STEPS}
+            batches.append(make_batch(SWEEP, case, replace(spec.scene, row=items), law, motion, **ends))
+    return batches
 
 
 def random_batches(scenes: int, seed: int, laws: Sequence[Law]) -> list[Batch]:
@@ -558,14 +582,18 @@ def run_extremes(
     families: Iterable[str] | None = None,
     methods: Iterable[str] | None = None,
     precision: str = "float64",
+    sweep: SweepSpec | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Run the stability suite, in the schemes that ``accuracy`` chooses from by default; returns its report, for JSON.
 
-    The report has a result for each family and scheme, the number of violations, and what was run in which time.
+    With a `sweep` its row and laws are run in place of scenes and families that are not named. The report has a
+    conclusion, a result for each family and scheme, the number of violations, and what was run in which time.
     """
     schemes = measured_schemes() if methods is None else tuple(methods)
+    if sweep is not None:
+        laws, families = laws or [sweep.law(key) for key in sweep.laws], families or ()
     chosen = [law for law in map(get_law, LAWS if laws is None else laws) if law.has_contact]
     if not chosen:
         raise InputError(
@@ -580,6 +608,7 @@ def run_extremes(
         check_choice("family", key, valid)
     batches = family_batches([key for key in keys if key != RANDOM], chosen)
     batches += random_batches(scenes, seed, chosen) if RANDOM in keys else []
+    batches += [batch for batch in sweep_batches(sweep) if batch.law in chosen] if sweep else []
     kernels = [
         batch.kernel(Numerics(method, batch.steps[0], precision=form))
         for batch in batches
@@ -596,6 +625,7 @@ def run_extremes(
     results = summarise(pd.concat(verdicts, ignore_index=True)) if verdicts else []
     return {
         "claim": OK_CLAIM,
+        "conclusion": conclude(results),
         "results": results,
         "laws": [law.key for law in chosen],
         "scenes": scenes,
@@ -606,13 +636,29 @@ def run_extremes(
     }
 
 
+def conclude(results: Sequence[Mapping[str, Any]]) -> str:
+    """Say what an ok was worth, and how far it holds."""
+    able = [result for result in results if Status.OK.label in result["statuses"]]
+    among = f"in {sum(result['scenarios'] for result in results)} extreme scenarios"
+    if not able:
+        return f"No result was called ok {among}."
+    worst, stiffness, step = (
+        max(result[name] for result in able) for name in ("worst_error", "largest_ok_stiffness", "largest_ok_step")
+    )
+    excused = sum(result["excused"] for result in able)
+    but = f", but {excused} that half the step or inputs changed by {CHANGE:g} change as much" if excused else ""
+    holds = f"ok holds up to k = {stiffness:.2g} kN/m^n, step = {step:g} s."
+    return f"No result called ok was off by more than {100.0 * worst:.2g} % {among}{but}; {holds}"
+
+
 def summarise(verdicts: pd.DataFrame) -> list[dict[str, Any]]:
     """Count the verdicts of each family and scheme; ``seconds`` are CPU time of the runs, without references."""
     results = []
     for (family, method), part in verdicts.groupby(["family", "method"], sort=False):
         faults = part.explode("faults").dropna(subset="faults").rename(columns={"faults": "fault"})
         errors = part.error[~part.unsettled & ~part.sensitive & np.isfinite(part.error)]
-        created = part.created[part.status == Status.OK.label]
+        is_ok = part.status == Status.OK.label
+        created = part.created[is_ok]
         results.append(
             {
                 "family": family,
@@ -620,6 +666,9 @@ def summarise(verdicts: pd.DataFrame) -> list[dict[str, Any]]:
                 "scenarios": len(part),
                 "statuses": part.status.value_counts(sort=False).to_dict(),
                 **{name: int(part[name].sum()) for name in ("missed", "sensitive", "unknown")},
+                "excused": int((part.unsettled | part.sensitive).sum()),
+                "largest_ok_stiffness": float(part.stiffness[is_ok].max()),
+                "largest_ok_step": float(part.dt[is_ok].max()),
                 "worst_error": float(errors.to_numpy().max(initial=0.0)),
                 "worst_created_energy": float(created.to_numpy().max(initial=0.0)),
                 "violations": faults[_VIOLATION].to_dict("records"),

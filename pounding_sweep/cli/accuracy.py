@@ -135,11 +135,13 @@ SHOWN = 20
 
 @command("extremes")
 def extremes_command(
+    sweep: Path | None = app.argument("SWEEP.toml", "Sweep file whose row and laws are judged in place of families."),
     scenes: int = option("N", "Random scenes.", default=320),
     seed: int = option("S", "Seed of the random scenes.", default=1),
     law: list[str] | None = option("LAW", "Contact law; repeat for several; all by default."),
     family: list[str] | None = option("NAME", "Family of scenarios; repeat for several; all by default."),
     precision: str = option("FORMAT", "float64 or float32.", default="float64"),
+    folders: Folders = None,
     map_file: Path | None = option("MAP.nc", "Also map error and status over stiffness and step.", "--map"),
     plot_file: Path | None = option("FILE", f"Draw that map: {app.FIGURE_FILE}", "--plot"),
     workers: Workers = None,
@@ -147,18 +149,20 @@ def extremes_command(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Judge extreme scenarios: crashes, false statuses, errors."""
+    """Judge extreme scenarios, of a sweep or of all kinds: crashes, false statuses, errors."""
     from pounding_sweep.accuracy.extremes import run_extremes, stability_map
     from pounding_sweep.figures import plot
     from pounding_sweep.output.netcdf import check_output, write_cube
+    from pounding_sweep.run.sweep import load_sweep
 
     if map_file is not None:
         check_output(map_file, overwrite)
     if plot_file is not None:
         check_output(plot_file, overwrite=True, netcdf=False)
+    more: Any = {"sweep": load_sweep(sweep, folders=folders).spec if sweep else None, "workers": workers}
     with app.progress_display(quiet) as progress:
         report = run_extremes(
-            scenes, seed=seed, laws=law, families=family, precision=precision, workers=workers, progress=progress
+            scenes, seed=seed, laws=law, families=family, precision=precision, progress=progress, **more
         )
     if map_file is not None or plot_file is not None:
         stability = stability_map(*(law or ())[:1])
@@ -181,6 +185,7 @@ def _print_extremes(report: dict[str, Any]) -> None:
     from pounding_sweep.outputs.variables import CHANGE, OK_CLAIM, STATUS
 
     results = report["results"]
+    print(report["conclusion"], end="\n\n")
     labels = [s.label for s in STATUS if any(s.label in result["statuses"] for result in results)]
     columns = [{"scenarios": "{scenarios}"} | {label.replace("_", " "): f"{{{label}}}" for label in labels}]
     columns.append(
