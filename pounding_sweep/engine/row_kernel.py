@@ -324,8 +324,10 @@ class RowKernel:
             first += count
         by_slot = results.reshape(groups, outputs.size, LANES).transpose(1, 0, 2).reshape(outputs.size, -1)[:, :n]
         raw = {name: by_slot[i : i + outputs.count[name]].T for name, i in outputs.first.items()}
-        # what the status asks of the scenario beside its results
+        # what status and first touch ask of the scenario beside its results
         raw["scale"] = brought[0][:, None]
+        places = [contact.pair for contact in self.scene.contacts]
+        raw["gap"] = brought[1][:, places] - self.scene.thicknesses(self.law.thickness)
         if shape.law is not None:  # factors by which damping shortens contacts, of each law of the kernel
             raw["quickening"] = quickening = np.ones((n, len(shape.laws)))
             quickening[:, 0] = self.law.quickening(brought[3], self.basis)

@@ -40,6 +40,8 @@ ERROR_CLASSES = ("motions", "contacts", "energies")
 #: The class of an output whose errors were not measured yet: it has no say in the choice of steps, and is compared
 #: with a run at half the step like any other.
 UNMEASURED = "unmeasured"
+#: Time (s) before which the onset of floors without a gap is the start itself: they part by more than rounding first.
+ONSET_ROUNDING = 1e-4
 #: Stored in integer variables where there is no value.
 INTEGER_FILL = -1
 
@@ -374,6 +376,8 @@ def _column_shear(results: KernelResults, end: int) -> np.ndarray:
 
 def _first_time(results: KernelResults) -> np.ndarray:
     times = results.get("tfirst", "contact", missing=-1.0)
+    if "tfirst" in results.slots:
+        times = np.where((results.slots["gap"] <= 0.0) & (np.abs(times) < ONSET_ROUNDING), 0.0, times)
     return np.where(times < 0, np.nan, times)
 
 
@@ -455,8 +459,8 @@ DEFINITIONS = {
     "penetration_max": "Largest positive penetration d = u_left - u_right - gap, 0 where the floors never touched. "
     "Missing where floors touched under a law without a force (velocities jump).",
     "impulse": "Time integral of the contact force until the row is at rest.",
-    "first_impact_time": "Time of the first onset of contact after the first point of the record; missing where there"
-    " was none.",
+    "first_impact_time": "Time of the first onset of contact, 0 of floors without a gap that press each other from the "
+    "first point of the record on; missing where there was none.",
     "approach_speed_max": "Largest rate of the penetration d at an onset of contact, 0 where the floors never touched.",
     "contact_time": "Total time in contact until the row is at rest, from each onset to the release (d > 0), 0 where "
     "the floors never touched; impulse over it is the mean contact force. Where velocities jump, the time that floors "
