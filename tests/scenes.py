@@ -28,6 +28,7 @@ AXES = {
     "restitutions": [0.3, 0.5, 0.7],
     "method": "rk4",
     "dt": 0.005,
+    "rest": 0.0,
     "outputs": OUTPUTS,
 }
 

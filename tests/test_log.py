@@ -35,7 +35,7 @@ def lines(path):
 def test_a_log_of_the_command_line(tmp_path):
     sweep = write(tmp_path, TINY)
     done = cli("run", sweep, "-o", "out.nc", cwd=tmp_path)
-    assert done.stderr in ("", "compiling kernels, once for sweeps of this kind\n")
+    assert {*done.stderr.splitlines()} <= {"compiling kernels, once for sweeps of this kind"}
     told = lines(tmp_path / "out.nc.log")
     assert re.fullmatch(rf"begins: \S+ run {re.escape(str(sweep))} -o out\.nc", told[0])
     assert re.fullmatch(rf"process \d+ on \S+, in {re.escape(str(tmp_path))}", told[1])
@@ -46,7 +46,7 @@ def test_a_log_of_the_command_line(tmp_path):
     assert told[5].endswith(f"scheduler threads, {len(os.sched_getaffinity(0))} workers")
     stages = [line.split()[1] for line in told if re.match(r"stage .* ends: ", line)]
     assert stages[0] in ("kernels", "compiling")
-    assert stages[1:] == ["no", "scenarios", "audit", "cube"]
+    assert [stage for stage in stages[1:] if stage != "compiling"] == ["no", "scenarios", "audit", "cube"]
     assert re.search(r"stage cube ends: 12 done in \d+\.\d{3} s", "\n".join(told))
     size = (tmp_path / "out.nc").stat().st_size
     assert told[-2].startswith(

@@ -132,8 +132,8 @@ def inputs_of(kernel, record, monkeypatch, variants=None, n=1):
     def kernel_of(shape):
         del shape
 
-        def run(acceleration, dt, steps, flight_substeps, constants, lanes, *more):
-            del acceleration, dt, steps, flight_substeps, more
+        def run(acceleration, dt, intervals, steps, flight_substeps, constants, lanes, *more):
+            del acceleration, dt, intervals, steps, flight_substeps, more
             taken["constants"] = constants.copy()
             taken.setdefault("lanes", []).append(lanes.copy())
 

@@ -62,7 +62,8 @@ def cube(stub_module, request):
 def same(text, value):
     if isinstance(value, str):
         return text == value
-    return (text == "" and math.isnan(value)) or (text != "" and float(text) == value)
+    """A cell and its value, of which files have seven digits."""
+    return (text == "" and math.isnan(value)) or (text != "" and float(text) == float(f"{value:.7g}"))
 
 
 @lru_cache
@@ -179,7 +180,7 @@ def test_chosen_intensities_are_columns(name, tmp_path):
         one = cube.isel(dict(zip(dims, place, strict=True)))
         (record,) = [each for each in motions() if each.name == one["record"].item()]
         for column, period in (("ground_sa_0_3", 0.3), ("ground_sa_b", first)):
-            assert float(row[column]) == pytest.approx(ordinate(record, float(one["scale"]), period), rel=1e-9)
+            assert float(row[column]) == pytest.approx(ordinate(record, float(one["scale"]), period), rel=1e-6)
 
 
 def test_a_part_and_a_file(tmp_path):
@@ -192,7 +193,7 @@ def test_a_part_and_a_file(tmp_path):
     with open_cube(path) as cube:
         part = select(cube, {"law": "kelvin_voigt", "record": "two"})
         largest = part["displacement_max"].values[..., 0, 1].ravel().tolist()
-        assert [float(row["displacement_max_a_2"]) for row in rows] == largest
+        assert all(same(row["displacement_max_a_2"], value) for row, value in zip(rows, largest, strict=True))
 
 
 @pytest.fixture(scope="module")
@@ -209,9 +210,9 @@ def test_histories_have_a_row_for_each_moment(one, tmp_path):
     for moment in (0, 7, -1):
         here = one.isel(time=moment)
         assert float(rows[moment]["time"]) == here["time"].item()
-        assert float(rows[moment]["displacement_b_2"]) == here["displacement"].sel(building="b", storey=2).item()
-        assert float(rows[moment]["contact_force_a_b_1"]) == here["contact_force"].values[0, 0]
-        assert float(rows[moment]["ground_acceleration"]) == here["ground_acceleration"].item()
+        assert same(rows[moment]["displacement_b_2"], here["displacement"].sel(building="b", storey=2).item())
+        assert same(rows[moment]["contact_force_a_b_1"], here["contact_force"].values[0, 0])
+        assert same(rows[moment]["ground_acceleration"], here["ground_acceleration"].item())
 
 
 def test_peaks_of_a_scenario_are_exported_alone(one, tmp_path):
