@@ -136,7 +136,7 @@ def test_errors_of_floors_at_rest_are_those_beside_exact_flight():
     sweep = ps.Sweep(scene, ps.synthetic_record(7, duration=20.0, pga=3.0), "linear", outputs=OUTPUTS)
     trade = tradeoff(sweep, methods=["rk4", "exact"], steps=[2e-3, 5e-4], precisions=["float64"], scenarios=1)
     assert trade.attrs["reference"].startswith("exact")
-    force = trade.sel(output="impact_force_max", population="all", statistic="worst", precision="float64", located=1)
+    force = chosen(trade, output="impact_force_max")
     known = float(force.reference_error)
     assert 0.0 < known < 1e-4
     assert float(force.error.sel(scheme="rk4").max()) > 100.0 * known
@@ -183,7 +183,8 @@ def test_statuses_are_counted_and_errors_of_the_ok_apart(trade):
 
 @pytest.mark.slow
 def test_a_diverged_scenario_has_an_infinite_error_and_is_never_on_the_front():
-    stiff = make_sweep(stiffness_factors=[1e4], gaps=[0.003], force_unstable=True)
+    own = {"method": "rk4", "dt": 5e-3, "locate": False}
+    stiff = make_sweep(stiffness_factors=[1e4], gaps=[0.003], force_unstable=True, **own)
     found = tradeoff(stiff, steps=[5e-3], **{**ONE, "located": [False]})
     at = {"population": "all", "statistic": "worst", "output": "impact_force_max"}
     one = found.sel(setting="rk4, not located, 5 ms", **at)
@@ -350,7 +351,8 @@ def test_the_answer_is_the_cheapest_accuracy_as_strict_as_the_sweeps_own(trade):
     assert answered(trade, **settings, own="a1e-2")["best"]["setting"] == "a1e-2"
     near = {**settings, "a1e-3": (2.1, 1e-4)}  # within the noise of the cheapest
     assert answered(trade, **near, own="a1e-3")["best"]["setting"] == "a1e-3"
-    assert answered(trade, **near)["best"]["setting"] == "a1e-4"
+    assert answered(trade, **near)["best"]["setting"] == "a1e-3"  # the default
+    assert answered(trade, **near, own="a1e-2")["best"]["setting"] == "a1e-2"
 
 
 def test_without_accuracies_a_step_is_the_answer(trade):
@@ -358,10 +360,12 @@ def test_without_accuracies_a_step_is_the_answer(trade):
     assert found["best"]["setting"] == "exact"
     assert set(found["solver"]) == {"method", "dt", "locate", "precision"}
     assert answered(trade, exact=(2.0, 1e-2), rk4=(1.0, 1e-1))["best"]["setting"] == "exact"
+    diverged = answered(trade, exact=(2.0, np.inf), rk4=(1.0, np.inf))["best"]
+    assert (diverged["setting"], diverged["error"]) == ("rk4", None)
 
 
-def test_the_table_is_short_or_of_all_settings_and_has_orders(trade):
-    headings, rows = table_of(trade)
+def test_the_table_is_short_or_of_all_settings(trade):
+    rows = table_of(trade)[1]
     refused = [("rk4", mode, form, 2e-2) for mode in (0, 1) for form in ("float32", "float64")]
     assert len(rows) == (2 * 2 + 1) * 2 * len(STEPS) - len(refused) + 3  # exact flight is always located
     short = table_of(trade, full=False)[1]
@@ -371,11 +375,6 @@ def test_the_table_is_short_or_of_all_settings_and_has_orders(trade):
     assert sum("*" in label for label in labels) >= len(short) - 3
     costs = [float(row[1]) for row in short]
     assert costs == sorted(costs)
-    headings, rows = module.order_table(trade)
-    assert headings[2:] == ["rk4 order", "newmark order", "exact order"]
-    assert {row[0] for row in rows} == set(LAWS)
-    forces = [row for row in rows if row[1] == "force"]
-    assert all(3.0 < float(row[2]) < 5.5 and 1.6 < float(row[3]) < 2.5 for row in forces), forces
 
 
 def test_the_figure_tells_schemes_and_cores(trade):

@@ -118,9 +118,8 @@ def fixed_setting(plan: Plan, table: Scenarios, numerics: Numerics, closing: boo
     """Return a setting of a scheme and a step for scenarios of a plan."""
     laws = np.unique(table.law).tolist()
     kernels = {law: replace(plan.kernel(law, closing), numerics=numerics) for law in laws}
-    return Setting(
-        "", numerics, math.nan, kernels, np.array([numerics.steps(r) for r in plan.spec.records])[table.record]
-    )
+    of_records = np.array([numerics.steps(record) for record in plan.spec.records])
+    return Setting("", numerics, math.nan, kernels, of_records[table.record])
 
 
 def find_touching(plan: Plan) -> np.ndarray:
@@ -520,8 +519,6 @@ LEADING = {"impact_force_max": "force", "displacement_max": "displ."}
 _CELL = {"value": ("error", float), "resolution": ("resolution", float), "pareto": ("pareto", bool)}
 #: Share of a cost that is noise.
 NOISE = 0.1
-#: Smallest order of convergence that is shown: errors of rounding do not fall with the step.
-LEAST_ORDER = 0.05
 
 
 def check_trade(dataset: xr.Dataset) -> None:
@@ -584,24 +581,25 @@ def answer(trade: xr.Dataset) -> dict[str, Any]:
     is_own = settings["setting"].values == own
     stated = accuracy[is_own & ~np.isnan(accuracy)]
     wanted = float(stated[0]) if len(stated) else DEFAULT_ACCURACY
-    cost = settings["cost"].values * np.where(is_own, 1.0 - NOISE, 1.0)  # noise is no reason to change a setting
+    expected = is_own | (accuracy == wanted)  # noise is no reason for another one
+    cost = settings["cost"].values * np.where(expected, 1.0 - NOISE, 1.0)
     ok = trade["status_count"].sel(status=Status.OK.label).values
-    strict, kept, least = accuracy <= wanted, (error <= wanted) & (ok == ok.max()), error <= np.nanmin(error)
+    kept, least = (error <= wanted) & (ok == ok.max()), error == np.fmin.reduce(error)
+    rows = {row["setting"]: row for row in trade_rows(trade)}
 
     def cheapest(*choices: np.ndarray) -> dict[str, Any]:
-        able = next(rows for rows in choices if rows.any())
-        return _numbers_of(settings.isel(setting=int(np.where(able, cost, math.inf).argmin())))
+        able = next((rows for rows in choices if rows.any()), np.ones(len(cost), bool))
+        return numbers_of(settings["setting"].values[np.where(able, cost, math.inf).argmin()])
 
-    best = cheapest(strict, kept, least)
+    def numbers_of(label: str) -> dict[str, Any]:
+        names = "setting", "scheme", "located", "precision", "accuracy", "step", "cost"
+        return {name: rows[label][name] for name in names} | {"error": finite(settings.error.sel(setting=label).item())}
+
+    best = cheapest(accuracy <= wanted, kept, least)
     solver = {name: best[key] for name, key in (("method", "scheme"), ("dt", "step"), ("locate", "located"))}
     solver = solver | {"precision": best["precision"]} if best["accuracy"] is None else {"accuracy": best["accuracy"]}
-    others = {"own": _numbers_of(settings.sel(setting=own)) if own else None, "fastest": cheapest(kept, least)}
-    return {"wanted": wanted, "solver": solver, "best": best, **others}
-
-
-def _numbers_of(setting: xr.Dataset) -> dict[str, Any]:
-    names = "setting", "scheme", "precision", "accuracy", "step", "cost", "error"
-    return {name: finite(setting[name].item()) for name in names} | {"located": bool(setting["located"])}
+    own_numbers = numbers_of(own) if own else None
+    return {"wanted": wanted, "solver": solver, "best": best, "own": own_numbers, "fastest": cheapest(kept, least)}
 
 
 def report(trade: xr.Dataset) -> dict[str, Any]:
@@ -641,23 +639,3 @@ def _error_text(error: dict[str, Any]) -> str:
     if value is None:
         return "-" if resolution is None else "diverged"
     return f"{value:.1e}" if resolution is None or value >= resolution else f"<{resolution:.1e}"
-
-
-def order_table(trade: xr.Dataset) -> tuple[list[str], list[list[str]]]:
-    """Return the headings and rows of the orders of convergence: one row per law and leading output."""
-    is_fixed = (
-        (trade["precision"] == "float64") & (trade["located"] == trade["located"].max()) & trade["step"].notnull()
-    )
-    median = trade.sel(population="steady", statistic="median").isel(setting=is_fixed.values)
-    schemes = list(dict.fromkeys(median["scheme"].values.tolist()))
-    rows = []
-    for law, output in product(trade["law"].values.tolist(), leading_outputs(trade)):
-        cells = [law, LEADING.get(output, output)]
-        for scheme in schemes:
-            one = median.sel(law=law, output=output).isel(setting=(median["scheme"] == scheme).values)
-            error, step = one["law_error"].values, one["step"].values
-            fitted = np.isfinite(error) & (error > 0.0) & (one["law_resolved"].values == 1)
-            fit = np.polyfit(np.log(step[fitted]), np.log(error[fitted]), 1)[0] if fitted.sum() >= 3 else math.nan
-            cells.append(f"{fit:.1f}" if fit >= LEAST_ORDER else "-")  # else all errors are rounding
-        rows.append(cells)
-    return ["law", "output", *(f"{scheme} order" for scheme in schemes)], rows

@@ -75,19 +75,20 @@ def tradeoff_command(
 
 
 def _print_trade(trade: xr.Dataset, everything: bool) -> None:
-    from pounding_sweep.accuracy.tradeoff import answer, leading_outputs, order_table, table_of
+    from pounding_sweep.accuracy.tradeoff import answer, leading_outputs, table_of
 
     attributes, advice = trade.attrs, answer(trade)
     sample, sensitive = int(attributes["sample_scenarios"]), int(attributes["sensitive_scenarios"])
     best, own, fastest = (advice[name] for name in ("best", "own", "fastest"))
 
     def beside_best(one: dict[str, Any]) -> str:
-        times, errors = one["cost"] / best["cost"], one["error"] / best["error"]
-        return f"{one['setting']}: {times:.2g} times the time, {errors:.2g} times the error"
+        errors = f", {one['error'] / best['error']:.2g} times the error" if one["error"] and best["error"] else ""
+        return f"{one['setting']}: {one['cost'] / best['cost']:.2g} times the time{errors}"
 
+    worst = "-" if best["error"] is None else f"{best['error']:.1e}"
     print(
         f"Take {best['setting']} (by {best['scheme']}, {best['precision']}){', as your file does' * (best == own)}: "
-        f"{best['cost']:.2g} s per 1000 scenarios on one core, worst error {best['error']:.1e}."
+        f"{best['cost']:.2g} s per 1000 scenarios on one core, worst error {worst}."
     )
     if own is None:
         print("Your file: a run refuses scenarios of it, beyond the stability limit of its step.")
@@ -110,15 +111,8 @@ def _print_trade(trade: xr.Dataset, everything: bool) -> None:
         f"Compared with {attributes['reference']} at {attributes['reference_step']:.4g} s, whose worst error is at "
         f"most {limits}; < marks errors below {attributes['resolution_factor']:g} times that of the same scenarios."
     )
-    if everything:
-        headings, orders = order_table(trade)
-        print()
-        print_table(headings, orders, range(2, len(headings)))
-        print("order: by which power of the step the median error falls (located, float64; resolved errors only).")
-    else:
-        print(
-            f"{trade.sizes['setting']} settings are measured; --all lists them, newmark and contacts not located too."
-        )
+    if not everything:
+        print(f"{trade.sizes['setting']} settings are measured; --all lists them, newmark and unlocated contacts too.")
     if sensitive:
         print(
             f"\n{sensitive} scenarios ({sensitive / sample:.1%}) are sensitive: gaps, stiffness and ground motion "
