@@ -208,6 +208,18 @@ def test_listed_cases_equal_brute_force(monkeypatch):
     assert [str(v) for v in cube["law"].values] == [case["law"] for case in cases]
 
 
+@pytest.mark.parametrize(
+    ("law", "dt", "divisor"),
+    [("hertz_damped", 5e-3, 2.5), ("hertz_damped", 1e-3, 1.0), ("hertz_damped", 1.0, 4.0), ("kelvin_voigt", 5e-3, 1.0)],
+)
+def test_long_steps_of_stages_are_divided(law, dt, divisor):
+    scene = Scene([Building("a", [100.0], [2e4]), Wall()], [0.01])
+    cases = [{"law": law, "stiffness": 1e6, "restitution": 0.6}]
+    for method, expected in (("exact", divisor), ("rk4", 1.0)):
+        spec = build_spec(scene=scene, records=motions()[0], cases=cases, method=method, dt=dt, force_unstable=True)
+        assert make_plan(spec).numerics.refinement == pytest.approx(expected)
+
+
 def test_no_floors_meet():
     """Where no floors are level, no law has anything to do."""
     scene = Scene(
