@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from PIL import Image
 from scenes import call
 
@@ -389,6 +390,36 @@ def test_drift_ratios_are_drawn_in_per_cent():
     assert "largest interstorey drift ratio (%)" in " ".join(drawn["drift_ratio_max"].axes[-1].get_xlabel().split())
     x, y = (figure.axes[0].lines[0].get_xdata() for figure in drawn.values())  # mm and %
     np.testing.assert_allclose(y, 100.0 * x / 3000.0)
+
+
+@pytest.mark.parametrize("key", ["incremental", "fragility", "ground-motion"])
+def test_accelerations_in_g(key, tmp_path, monkeypatch):
+    """Axes of accelerations have round numbers of g, texts have their numbers in it; nothing drawn moves."""
+    figures = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: figures.append(figure))
+    options = {"fragility": {"event": "acceleration", "level": 1.0}, "incremental": {"value": "acceleration_max"}}
+    dataset = made.spectra() if key == "ground-motion" else made.cube(record=3, scale=4)
+    for units in ("m/s2", "g"):
+        plot(dataset, key, tmp_path / f"{units[0]}.png", units=units, **options.get(key, {}))
+    metric, changed = figures
+    labels = []
+    for before, after in zip(metric.axes, changed.axes, strict=True):
+        assert (before.get_xlim(), before.get_ylim()) == (after.get_xlim(), after.get_ylim())
+        for one, other in ((before.xaxis, after.xaxis), (before.yaxis, after.yaxis)):
+            label = one.get_label_text() or before.figure.get_supylabel() * (one is before.yaxis)
+            ticks = other.get_major_locator()()
+            if "(m/s²)" in label:
+                written = [float(other.get_major_formatter()(tick)) for tick in ticks]
+                np.testing.assert_allclose(9.81 * np.array(written), ticks, atol=1e-9)
+            elif label:
+                np.testing.assert_array_equal(ticks, one.get_major_locator()())
+            labels.append(label)
+    assert any("(m/s²)" in label for label in labels)
+    texts = " ".join(text.get_text() for text in changed.findobj(Text))
+    assert "m/s²" not in texts
+    assert ("above 0.102 g" in texts) == (key == "fragility")
+    with pytest.raises(InputError, match="unknown unit of accelerations 'gal'; valid: g, m/s2"):
+        plot(dataset, key, tmp_path / "no.png", units="gal")
 
 
 def test_maps_over_records_and_heights_of_impact_say_what_is_hatched():

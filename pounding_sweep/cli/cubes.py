@@ -126,6 +126,7 @@ def plot_command(
     title: str | None = option("TEXT", "Title in place of the figure's own."),
     no_title: bool = flag("--no-title", "No title, as above a caption of your own."),
     caption: Path | None = option("FILE", "Text file for what the figure shows: values of axes, records, laws."),
+    units: str = option("UNIT", "Of accelerations: g, or m/s2.", default="m/s2"),
     only_list: bool = flag("--list", "List the figures, and what of them CUBE.nc allows."),
 ) -> None:
     """Draw a figure of a cube into a file, or list the figures."""
@@ -147,7 +148,7 @@ def plot_command(
         else:
             settings: dict[str, Any] = {"x": x, "y": y, "value": value, "start": start, "end": end, "dpi": dpi}
             settings |= {"contours": contours, "turn": turn, "names": names, "event": event, "level": level}
-            settings |= {"title": "" if no_title else title, "caption": caption}
+            settings |= {"title": "" if no_title else title, "caption": caption, "units": units}
             print(plot(chosen, kind, out, report=say, **settings))
 
 

@@ -192,6 +192,7 @@ def plot(
     dpi: float = 150.0,
     title: str | None = None,
     caption: FilePath | None = None,
+    units: str = "m/s2",
     report: Callable[[str], None] | None = None,
     **options: Any,
 ) -> Path:
@@ -211,6 +212,8 @@ def plot(
         Title in place of the figure's own, which names the study and what is shown; "" leaves it out.
     caption : path, optional
         Text file for the caption: the title, the values that the figure is of, how many records and laws it shows.
+    units : str
+        Of accelerations, "m/s2" or "g".
     report : callable, optional
         Called with the caption but for the title.
     **options
@@ -239,6 +242,7 @@ def plot(
     """
     figures = _figures()
     check_choice("figure", kind, figures)
+    check_choice("unit of accelerations", units, ("g", "m/s2"))
     if not _DPI[0] <= dpi <= _DPI[1]:
         raise InputError(f"dpi is {dpi:g}; it must be from {_DPI[0]} to {_DPI[1]}")
     options = {name: value for name, value in options.items() if value is not None and value is not False}
@@ -247,6 +251,8 @@ def plot(
             raise InputError(f"figure {kind!r} takes no {name}; it takes {', '.join(figures[kind].options) or 'none'}")
     target = expanded(path)
     figure = figures[kind].draw(dataset, **options)
+    if units == "g":
+        import_module("pounding_sweep.figures.style").show_in_g(figure)
     heading, *notes = getattr(figure, "caption", [""])
     if title is not None:
         figure.suptitle(title, fontsize=9)

@@ -14,7 +14,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.rcsetup import cycler
 from matplotlib.style import context
+from matplotlib.text import Text
+from matplotlib.ticker import FixedLocator
 
+from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import InputError
 
 #: Colours of Okabe & Ito (2008), told apart by colour-blind readers, with black first.
@@ -166,3 +169,25 @@ def cell_edges(values: np.ndarray, *, even: bool = False) -> np.ndarray:
     half = 0.5 * np.diff(at) if len(at) > 1 else np.array([np.log(2.0)])
     edges = np.append(at - np.append(half[0], half)[: len(at)], at[-1] + half[-1])
     return edges if even else np.asarray(np.exp(edges))
+
+
+def show_in_g(figure: Any) -> None:
+    """Write the accelerations (m/s²) of a figure in g: on its axes and in its texts."""
+
+    def in_g(text: str) -> str:
+        number = r"[\d.]+(?:e[+-]\d+)?(?= (?:and \S+ )?m/s²)"
+        return re.sub(number, lambda match: f"{float(match[0]) / STANDARD_GRAVITY:.3g}", text).replace("m/s²", "g")
+
+    def round_in_g(ticks: Any, *ends: float) -> Any:
+        return STANDARD_GRAVITY * np.asarray(ticks(*(end / STANDARD_GRAVITY for end in ends)))
+
+    labels = [(ax.xaxis, ax.get_xlabel()) for ax in figure.axes]
+    labels += [(ax.yaxis, ax.get_ylabel() or ax.figure.get_supylabel()) for ax in figure.axes]
+    axes = [axis for axis, label in labels if "(m/s²)" in label]
+    for locator in {axis.get_major_locator() for axis in axes}:  # that axes may share
+        if not isinstance(locator, FixedLocator):
+            locator.tick_values = partial(round_in_g, locator.tick_values)
+    for axis in axes:
+        axis.set_major_formatter(lambda value, _: f"{value / STANDARD_GRAVITY:.3g}")
+    for text in figure.findobj(Text):
+        text.set_text(in_g(text.get_text()))
