@@ -424,3 +424,16 @@ def test_curves_of_gaps_do_not_cross_with_one_dispersion():
     assert ((low < dispersion) & (dispersion < high)).all()
     assert "curves cross" in str(FIGURES["fragility"].draw(apart).caption)
     assert "one dispersion along gap" in str(FIGURES["fragility"].draw(one).caption)
+
+
+def test_the_annual_rate_of_an_event_is_that_of_its_lognormal_under_a_hazard():
+    """Of a power law k0 x^-k, k0 m^-k exp(k^2 b^2 / 2); of collapses as of touches."""
+    count = xr.DataArray(np.array([0.0, 0.0, 1.0, 0.0, 2.0, 1.0])[:, None], dims=["record", "pair"])
+    pga = xr.DataArray([1.0, 2.0, 2.5, 3.0, 3.5, 4.0], dims="record", attrs={"units": "m s-2"})
+    cube = xr.Dataset({"impact_count": count}, {"record": list("abcdef"), "record_pga": pga, "pair": ["a-b"]})
+    fit = fragility(cube, confidence=None, hazard="k0=1e-3,kappa=2.5")
+    median, dispersion = fit["median"].item(), fit["dispersion"].item()
+    want = 1e-3 * median**-2.5 * np.exp(0.5 * (2.5 * dispersion) ** 2)
+    assert fit["annual_rate"].item() == pytest.approx(want, rel=1e-9)
+    assert fit_rows(fit)[0]["per year"] == pytest.approx(want, rel=1e-9)
+    assert "annual_rate" not in fragility(cube, confidence=None)

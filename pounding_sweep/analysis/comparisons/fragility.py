@@ -24,8 +24,8 @@ from pounding_sweep.analysis.comparisons import (
     over_text,
     plain_rows,
 )
-from pounding_sweep.analysis.hazard import log_normal_share
-from pounding_sweep.analysis.rebuild import intensity_of
+from pounding_sweep.analysis.hazard import Hazard, check_measure, hazard_of, log_normal_share
+from pounding_sweep.analysis.rebuild import intensity_of, own_intensity, periods_of
 from pounding_sweep.analysis.scenarios import (
     described,
     exceeds,
@@ -36,6 +36,7 @@ from pounding_sweep.analysis.scenarios import (
     trusted,
 )
 from pounding_sweep.base.errors import InputError, PoundingSweepError, check_choice
+from pounding_sweep.base.files import FilePath
 from pounding_sweep.base.text import counts_text
 
 #: Intensities that differ by less than this share are one.
@@ -252,6 +253,8 @@ def fit_rows(result: xr.Dataset) -> list[Row]:
     table = result[names].rename(happened_count="happened")
     for q in result["quantile"].values.tolist() if "fractile" in result else []:
         table[f"at {q:g}"] = result["fractile"].sel(quantile=q, drop=True)
+    if "annual_rate" in result:
+        table["per year"] = result["annual_rate"]
     table = table.assign(fit=result["fit_status"], between=result["median_between"]).reset_coords(drop=True)
     table = table.isel(dict.fromkeys(equal_axes(result), 0), drop=True)
     units, dims = str(result["median"].attrs["units"]), scenario_dims(table["median"])
@@ -262,6 +265,20 @@ def fit_rows(result: xr.Dataset) -> list[Row]:
         fit = {"fit_status": row.pop("fit"), "median_between": between, "median": result["median"]}
         row |= {"units": units, "over": str(result.attrs["trials_of"]), "fit": sentence(fit) + f"; {TOO_WIDE}" * wide}
     return rows
+
+
+def check_site(
+    site: Hazard, cube: xr.Dataset, intensity: str | xr.DataArray | None, strength: xr.DataArray
+) -> dict[str, Any]:
+    """Return what is said of a hazard, which must be of the intensity that is asked for."""
+    units = strength.attrs["units"]
+    if not isinstance(intensity, xr.DataArray):
+        check_measure(site, intensity or own_intensity(cube), lambda name: periods_of(cube, name).values())
+    if site.units not in ("", units):
+        raise InputError(
+            f"the hazard {site.source} is of {site.units}, the intensity in {units}; give one of that intensity"
+        )
+    return {"hazard": site.source, "intensity": f"{strength.attrs['long_name']} ({units})"}
 
 
 @comparison("fragility")
@@ -275,6 +292,7 @@ def fragility(
     levels: Sequence[float] | None = None,
     quantiles: Sequence[float] = (),
     one_dispersion: Sequence[str] = (),
+    hazard: Hazard | FilePath | None = None,
     records: Any = None,
     folders: Any = None,
 ) -> xr.Dataset:
@@ -299,6 +317,8 @@ def fragility(
         Probabilities, in (0, 1), at which the intensity is given.
     one_dispersion : sequence of str
         Axes, such as "gap", along which all curves have one dispersion, so that they never cross.
+    hazard : Hazard, str or path, optional
+        Of the intensity (see `pounding_sweep.analysis.hazard.hazard_of`), for the annual rate of the event.
 
     Returns
     -------
@@ -306,7 +326,8 @@ def fragility(
         On the cube's other axes (without the law "none" where the event is a pair's) and ``pair`` or ``building``:
         ``fit_status``; ``median`` (in the intensity's unit) and ``dispersion``, with intervals on ``bound``;
         ``median_between`` (bound) without a fit; ``trials``, ``happened_count`` and ``left_out`` (not ok); ``fractile``
-        (quantile), intensities at the `quantiles`; on ``intensity`` ``probability`` and ``probability_interval``; trial
+        (quantile), intensities at the `quantiles`; with a hazard ``annual_rate`` (per year), its mean over the fitted
+        lognormal; on ``intensity`` ``probability`` and ``probability_interval``; trial
         by trial ``happened`` and ``trial_intensity``.
 
     Raises
@@ -398,6 +419,12 @@ def fragility(
         index = labelled("quantile", quantiles, f"probability that {words}", "1")
         away = np.exp(dataset["dispersion"] * index.copy(data=ndtri(index.values)))
         dataset["fractile"] = described(dataset["median"] * away, units, f"intensity at that probability that {words}")
+    about_site: dict[str, Any] = {"intensity": f"{name} ({units})"}
+    if hazard is not None:
+        site = hazard_of(hazard)
+        about_site |= check_site(site, cube, intensity, strength)
+        rate = site.touching(dataset["median"].values, dataset["dispersion"].values)
+        dataset["annual_rate"] = described(dataset["median"].copy(data=rate), "1", f"times a year that {words}")
     few = f"{counts_text({'record': len(x)}, '')}: give {ENOUGH} or more" if len(x) < ENOUGH else ""
     optional = {
         "advice": few,
@@ -408,9 +435,8 @@ def fragility(
     return dataset.assign_attrs(
         event=about.key,
         event_in_words=words,
-        intensity=f"{name} ({units})",
         trials_of=over_text(dict(zip(trials, x.shape, strict=True))),
-        **{key: value for key, value in (optional | {"confidence": confidence}).items() if value},
+        **{key: value for key, value in (about_site | optional | {"confidence": confidence}).items() if value},
     )
 
 

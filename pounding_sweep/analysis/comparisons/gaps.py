@@ -17,9 +17,10 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.analysis.comparisons import Row, check_needs, comparison, over_text, plain_rows
+from pounding_sweep.analysis.comparisons.fragility import check_site
 from pounding_sweep.analysis.comparisons.stripes import gaps_of_stripes
-from pounding_sweep.analysis.hazard import Hazard, check_measure, hazard_of
-from pounding_sweep.analysis.rebuild import intensity_of, own_intensity, periods_of, stored_sweep, uncoupled_runs
+from pounding_sweep.analysis.hazard import Hazard, hazard_of
+from pounding_sweep.analysis.rebuild import intensity_of, stored_sweep, uncoupled_runs
 from pounding_sweep.analysis.scenarios import (
     COMPARISON,
     ROUND_OFF,
@@ -515,7 +516,7 @@ def gap_for_probability(
             )
         motions = {"intensity": intensity, "records": records, "folders": folders}
         strength = intensity_of(cube, **motions)
-        context = _check_site(site, cube, intensity, strength, years) | {"confidence": confidence}
+        context = check_site(site, cube, intensity, strength) | {"years": years, "confidence": confidence}
         targets = -np.log1p(-np.array([*probabilities, *curve])) / years
         known, numbers = gaps_of_stripes(cube, site, strength, targets, confidence=confidence, **motions)
         own, size = site.own_unit if site.own_unit[1] != 1.0 else (strength.attrs["units"], 1.0)
@@ -552,7 +553,7 @@ def gap_for_probability(
             "intensities are given, but not of what; add intensity='pga', or another measure (--intensity)"
         )
     if site is not None:
-        attributes |= _check_site(site, cube, intensity, strength, years)
+        attributes |= check_site(site, cube, intensity, strength) | {"years": years}
     bounds = 0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence
     median, spread, count, never, gap, in_years, rate, beyond = xr.apply_ufunc(
         partial(_of_pair, (*probabilities, *curve), bounds, site, years),
@@ -582,20 +583,6 @@ def gap_for_probability(
             numbers["rate"] = rate
             variables["beyond"] = described(beyond, "1", "share of the rate from intensities beyond the hazard's")
     return _with_numbers(variables, numbers, probabilities, curve, attributes)
-
-
-def _check_site(
-    site: Hazard, cube: xr.Dataset, intensity: str | xr.DataArray | None, strength: xr.DataArray, years: float
-) -> dict[str, Any]:
-    """Return what is said of a hazard, which must be of the intensity that is asked for."""
-    units = strength.attrs["units"]
-    if not isinstance(intensity, xr.DataArray):
-        check_measure(site, intensity or own_intensity(cube), lambda name: periods_of(cube, name).values())
-    if site.units not in ("", units):
-        raise InputError(
-            f"the hazard {site.source} is of {site.units}, the intensity in {units}; give one of that intensity"
-        )
-    return {"hazard": site.source, "years": years, "intensity": f"{strength.attrs['long_name']} ({units})"}
 
 
 def _with_numbers(
