@@ -18,7 +18,7 @@ from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene
-from pounding_sweep.output.audited import audit_table, errors_sentence
+from pounding_sweep.output.audited import audit_table, errors_by_law, errors_sentence
 from pounding_sweep.output.describe import describe
 from pounding_sweep.outputs.variables import Status, reducers_for, relative_error
 from pounding_sweep.plan.plan import make_plan
@@ -133,6 +133,23 @@ def test_the_audit_is_the_same_whoever_runs_it(audited, monkeypatch):
     again = make(**LARGER).run(scheduler="threads", workers=3)
     for name in cube.variables:
         np.testing.assert_array_equal(cube[name].values, again[name].values, err_msg=str(name))
+
+
+def test_a_check_compares_all_scenarios(monkeypatch):
+    monkeypatch.setattr(audit, "LEAST_SECONDS", 0.0)
+    monkeypatch.setattr(audit, "SHARE_OF_ALL", 0.0)
+    some, cube = (
+        make(**{**LARGER, "audit": 1e-3}).run(scheduler="synchronous", check=check) for check in (False, True)
+    )
+    assert some.attrs["audit_scenarios"] < some.attrs["audit_touching"] == cube.attrs["audit_scenarios"]
+    assert cube.attrs["audit_reference"] == "exact"
+    rows = {(row["law"], row["output"]): row for row in errors_by_law(cube)}
+    assert {*rows} == {(law, name) for law in ("linear", "kelvin_voigt") for name in OUTPUTS}
+    errors = cube["audit_error"].where(cube.audit_undecided == 0)
+    for (law, name), found in rows.items():
+        part = errors.sel(output=name)[cube.audit_law.values == law]
+        assert (found["largest"], found["median"]) == (part.max().item(), part.median().item())
+    assert errors_by_law({}) == []
 
 
 # -- its cost ----------------------------------------------------------------------------------------------------------

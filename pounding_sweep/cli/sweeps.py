@@ -78,6 +78,7 @@ def run_command(
     ),
     overwrite: Overwrite = False,
     extend: Path | None = option("OLD.nc", "Reuse the results in this cube and run only the missing scenarios."),
+    check: bool = flag("--check", "Compare all scenarios with more exact runs; prints errors by law and output."),
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -91,12 +92,12 @@ def run_command(
         if not named:
             say(f"the cube is written to {out}; -o names another file")
         with app.progress_display(quiet) as progress:
-            sweep.make_cube(out, scheduler, options.workers, overwrite, progress, extend)
+            sweep.make_cube(out, scheduler, options.workers, overwrite, progress, extend, check)
         report = _report(sweep, out)
         if as_json:
             print_json(report)
         else:
-            _print_run(report)
+            _print_run(report, check)
         if report["failures"]:
             from pounding_sweep.resume import parts_folder
 
@@ -201,7 +202,7 @@ _AT_REST = (
 )
 
 
-def _print_run(report: dict[str, Any]) -> None:
+def _print_run(report: dict[str, Any], check: bool) -> None:
     counts = report["scenarios"]
     if not counts["usable"]:
         print(f"0 of {counts['asked']} scenarios usable: each ended with a status that says why, below\n")
@@ -238,6 +239,10 @@ def _print_run(report: dict[str, Any]) -> None:
         if item["remedy"]:
             lines.append((item["label"], "{count}: {meaning}; {remedy}".format(**item)))
     print_pairs(lines)
+    if check:
+        columns, errors = ("median", "most", "largest"), report["errors_by_law"]
+        rows = [[row["law"], row["output"], *(f"{row[name]:.1e}" for name in columns)] for row in errors]
+        print_table(["law", "output", "error median", "99 %", "largest"], rows, right=(2, 3, 4))
     print(report["cube"])
 
 

@@ -125,6 +125,25 @@ def errors_sentence(cube: Mapping[Any, Any], attributes: Mapping[Any, Any]) -> s
     return text
 
 
+def errors_by_law(cube: Mapping[Any, Any]) -> list[dict[str, Any]]:
+    """Return errors of each output under each law, as an audit measured them, undecided scenarios apart."""
+    if not has_audit(cube):
+        return []
+    decided = np.asarray(cube["audit_undecided"][...]) == 0
+    error, laws = np.asarray(cube["audit_error"][...])[decided], np.asarray(cube["audit_law"][...])[decided]
+    return [
+        {
+            "law": law,
+            "output": output,
+            "median": float(np.median(part)),
+            "most": _most(part),
+            "largest": float(part.max()),
+        }
+        for law in dict.fromkeys(laws.tolist())
+        for output, part in zip(np.asarray(cube["output"][...]).tolist(), error[laws == law].T, strict=True)
+    ]
+
+
 def _most(values: np.ndarray) -> float:
     """Return what 99 % of values do not exceed."""
     return float(np.quantile(values, 0.99, method="higher"))

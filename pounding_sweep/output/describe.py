@@ -19,7 +19,7 @@ from pounding_sweep.base.errors import repr_short
 from pounding_sweep.base.files import FilePath
 from pounding_sweep.base.text import printable
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.output.audited import AUDIT_DIMS, audit_table, errors_sentence
+from pounding_sweep.output.audited import AUDIT_DIMS, audit_table, errors_by_law, errors_sentence
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
 from pounding_sweep.output.identity import LIBRARIES, ORIGINS, plain, sources
 from pounding_sweep.output.netcdf import ENCODING, NETCDF_LOCK, SLAB_BYTES, slabs
@@ -316,6 +316,7 @@ def summarize(path: FilePath) -> dict[str, Any]:
             "accuracy_numbers": json.loads(attributes.get("accuracy_numbers", "null")),
             "audit": audit_table(arrays),
             "errors_sentence": errors_sentence({**arrays, **texts}, attributes),
+            "errors_by_law": errors_by_law({**arrays, **texts}),
             "statuses": statuses(*(arrays[name][...] for name in ("status", "unsettled_output") if name in arrays)),
             "rest_note": attributes.get("rest_note"),
             "at_rest": "pair_gap" in arrays and bool((arrays["pair_gap"][...] == 0.0).any()),

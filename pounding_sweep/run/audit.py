@@ -62,7 +62,7 @@ class Audit:
     touching: int  # scenarios of the sweep that have contacts and values
     reference: str  # what they were compared with
     share: float  # estimated cost over that of the touching scenarios in the sweep
-    tolerance: float  # `TOLERANCE`
+    tolerance: float  # accuracy asked for, else `TOLERANCE`
 
     @property
     def exceeding(self) -> np.ndarray:
@@ -147,7 +147,9 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher, check: bool = Fa
     rows, outputs = candidates(plan, outcome), tuple(name for name in plan.spec.outputs if VARIABLES[name].error)
     if not outputs or not len(rows) or (not check and ("error_estimate" in plan.outputs or plan.spec.audit <= 0.0)):
         return None
-    seconds, exact = seconds_of(plan, rows), exact_kernel(plan)
+    accuracy = plan.spec.accuracy
+    seconds, exact = seconds_of(plan, rows), exact_kernel(plan) if accuracy is None else None
+    tolerance = TOLERANCE if accuracy is None else accuracy
     sample, random, share, reference = *draw(plan, rows), "half the step"
     if exact is not None:
         kernels = [exact(plan.kernel(law)) for law in np.unique(plan.unique.law[rows]).tolist()]
@@ -163,17 +165,19 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher, check: bool = Fa
                 dispatcher.prepare(shapes)
     elif check:
         sample, random, share = rows, np.zeros(len(rows), bool), float(FINER)
-    compared = _Comparison(plan, outcome, dispatcher, outputs, exact if reference != "half the step" else None)
+        reference = reference if accuracy is None else f"runs to {CONVERGED:g} of the accuracy"
+    is_exact = exact is not None and reference == kernels[0].numerics.method
+    compared = _Comparison(plan, outcome, dispatcher, outputs, exact if is_exact else None)
     dispatcher.progress.stage("audit", len(sample))
     status, undecided = outcome.results.status[sample], np.zeros(len(sample), bool)
     try:
-        error, _ = compared.run(sample)
-        again = np.flatnonzero((status == Status.OK) & (error.max(axis=1) > TOLERANCE))
+        error, _ = compared.run(sample, None if accuracy is None else CONVERGED * accuracy)
+        again = np.flatnonzero((status == Status.OK) & (error.max(axis=1) > tolerance))
         # what no step settles takes the most of them: so many scenarios are followed as take no longer than the audit
         longest = 2.0 ** (MOST_HALVINGS + 1) * float(seconds.mean())
         again = again[: max(LANES, int(max(LEAST_SECONDS, share * seconds.sum()) / longest))]
         if len(again):
-            error[again], ended = compared.run(sample[again], accuracy=CONVERGED * TOLERANCE)
+            error[again], ended = compared.run(sample[again], accuracy=CONVERGED * tolerance)
             undecided[again] = ended != Status.OK
     except RunError as failure:
         warnings.warn(
@@ -183,7 +187,7 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher, check: bool = Fa
             stacklevel=3,
         )
         return None
-    result = Audit(sample, random, outputs, error, status, undecided, len(rows), reference, share, TOLERANCE)
+    result = Audit(sample, random, outputs, error, status, undecided, len(rows), reference, share, tolerance)
     if len(again) and result.exceeding.any():
         warnings.warn(result.warning, RuntimeWarning, stacklevel=3)
     return result

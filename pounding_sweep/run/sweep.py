@@ -187,6 +187,7 @@ class Sweep:
         overwrite: bool = False,
         progress: Progress | None = None,
         extend: FilePath | None = None,
+        check: bool = False,
     ) -> xr.Dataset:
         """Run the sweep.
 
@@ -206,6 +207,8 @@ class Sweep:
         extend : path, optional
             Cube of the same scene, numerics and outputs over other values or cases, whose scenarios are not run again;
             may be `out` itself, with `overwrite`. The attribute ``extended_from`` says how many came from it.
+        check : bool
+            Whether all scenarios that touch are compared with more exact runs, as the audit does with some.
 
         Warns
         -----
@@ -241,7 +244,7 @@ class Sweep:
         """
         from pounding_sweep.output.netcdf import open_cube
 
-        cube = self.make_cube(out, scheduler, workers, overwrite, progress, extend)
+        cube = self.make_cube(out, scheduler, workers, overwrite, progress, extend, check)
         return cube.to_dataset() if out is None else open_cube(out)
 
     def make_cube(
@@ -252,6 +255,7 @@ class Sweep:
         overwrite: bool,
         progress: Progress | None,
         extend: FilePath | None,
+        check: bool = False,
     ) -> CubeParts:
         """Run the sweep as `run` does, xarray not loaded; the cube has no values if these are in the file."""
         from pounding_sweep.output.netcdf import check_output, check_space
@@ -292,7 +296,7 @@ class Sweep:
                             f"no scenario has a result, all {len(failures)} chunks failed ({failures[0]}): "
                             f"{str(target)!r} stays as it was; see to what failed and run again"
                         )
-                    self.last_audit = audit(plan, outcome, dispatcher)
+                    self.last_audit = audit(plan, outcome, dispatcher, check)
                 progress.stage("cube", plan.n_asked)
                 cube = write_cube_of(plan, outcome, self.last_audit, progress, target, overwrite=overwrite)
             except OSError as error:
