@@ -176,7 +176,7 @@ def _matrices(building: ps.Building) -> tuple[np.ndarray, np.ndarray]:
 
 def by_engine(case: Case) -> dict[str, np.ndarray]:
     """Return the same by the exact scheme."""
-    one = ps.simulate(case.scene, case.record, law=case.law, method="exact", dt=STEP)
+    one = ps.simulate(case.scene, case.record, law=case.law, method="exact", dt=STEP, rest=0.0)
     contacts = [(c.place, c.storey - 1) for c in case.scene.contacts]
     links = [(x.place, x.storey - 1) for x in case.scene.linked_floors]
     result = {}

@@ -25,7 +25,7 @@ def plan_gaps(work: Work, gaps: np.ndarray, **settings: Any) -> Plan:
     axes = {"gaps": gaps, "stiffnesses": work.stiffness}
     if get_law(work.law).takes_restitution:
         axes["restitutions"] = work.restitution
-    return Sweep(work.scene, work.record, work.law, **axes, **{"outputs": OUTPUTS, **settings}).plan()
+    return Sweep(work.scene, work.record, work.law, **axes, **{"outputs": OUTPUTS, "rest": 0.0, **settings}).plan()
 
 
 def peaks_of(scene: Scene, found: dict[str, np.ndarray]) -> Peaks:
