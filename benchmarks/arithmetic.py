@@ -15,7 +15,7 @@ from benchmarks.work import Work, neighbouring_gaps
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.laws import get_law
-from pounding_sweep.outputs.variables import reducers_for
+from pounding_sweep.variables.registry import reducers_for
 
 #: Time step (s) of both, and lane groups of one call.
 STEP, GROUPS = 1e-3, 2

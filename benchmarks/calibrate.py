@@ -28,7 +28,6 @@ from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.model.scene import Scene, Wall
 from pounding_sweep.output.dataset import package_version
-from pounding_sweep.outputs.variables import Status, reducers_for, relative_errors
 from pounding_sweep.plan.advice import (
     CLASSES,
     EXACT_STEPS,
@@ -38,9 +37,10 @@ from pounding_sweep.plan.advice import (
     shortest_contact,
 )
 from pounding_sweep.records import Record, synthetic_record
+from pounding_sweep.request.spec import PRECISIONS
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.spec import PRECISIONS
+from pounding_sweep.variables.registry import Status, reducers_for, relative_errors
 
 #: Share of the scenarios whose error the curves hold: the others cost a step or two of refinement.
 QUANTILE = 0.9

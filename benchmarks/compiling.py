@@ -25,7 +25,7 @@ from pounding_sweep.engine.compile import CACHE_VARIABLE, COMPILING, compiling_p
 from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.kernel.spec import KernelSpec, from_json, to_json
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES, reducers_for
+from pounding_sweep.variables.registry import DEFAULT_OUTPUTS, VARIABLES, reducers_for
 
 #: Lines of the plain function.
 STATEMENTS = 200

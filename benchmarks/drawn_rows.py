@@ -15,9 +15,9 @@ from benchmarks.calibrate import OUTPUTS, closing
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.scene import BoucWen, Building, Bumper, Foundation, Link, Scene, Wall
 from pounding_sweep.records import Record, read_record, resolve_record, synthetic_record
-from pounding_sweep.spec.axes import Case
-from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import SweepSpec
+from pounding_sweep.request.axes import Case
+from pounding_sweep.request.build import build_spec
+from pounding_sweep.request.spec import SweepSpec
 
 #: Storeys of the buildings of a row; 0: a wall.
 SHAPES = ((1, 0), (1, 1), (2, 1), (1, 1, 1), (2, 2), (0, 2, 1), (3, 2, 0), (2, 3, 2), (3, 3, 3), (5, 4))

@@ -23,12 +23,12 @@ from benchmarks.calibrate import OUTPUTS
 from benchmarks.drawn_rows import CASES, KINDS, SHAPES, draw, earthquakes, kind_of
 from pounding_sweep.accuracy.extremes import PEAKS
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.outputs.variables import CHANGE, CLASSES, OK_CLAIM, Status, relative_errors
 from pounding_sweep.plan.plan import Plan, make_plan
 from pounding_sweep.plan.scenarios import ChunkTask
+from pounding_sweep.request.spec import METHODS, SweepSpec
 from pounding_sweep.run.execute import run_chunk
 from pounding_sweep.schemes import SCHEMES, reference_scheme
-from pounding_sweep.spec.spec import METHODS, SweepSpec
+from pounding_sweep.variables.registry import CHANGE, CLASSES, OK_CLAIM, Status, relative_errors
 
 #: Relative errors that are asked for, and steps (s) at which schemes are run.
 ACCURACIES = (1e-2, 1e-3, 1e-4)

@@ -18,7 +18,7 @@ import pounding_sweep as ps
 from benchmarks.timing import medians
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.variants import variants_of
-from pounding_sweep.outputs.variables import reducers_for
+from pounding_sweep.variables.registry import reducers_for
 
 GAPS = np.linspace(0.002, 0.012, 8)
 STRENGTHS = ([1800.0, 1500.0, 1000.0], [1600.0, 1400.0, 900.0], [1400.0, 1200.0, 800.0])

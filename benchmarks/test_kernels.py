@@ -14,8 +14,8 @@ from benchmarks.sizes import row_of
 from benchmarks.timing import medians
 from benchmarks.work import neighbouring_gaps
 from pounding_sweep.engine.compile import CACHE_VARIABLE, compile_piece
-from pounding_sweep.outputs.variables import VARIABLES
 from pounding_sweep.run.sweep import Sweep
+from pounding_sweep.variables.registry import VARIABLES
 
 needs_compiler = pytest.mark.skipif(
     find_compiler() is None, reason="no C compiler: install one, or name it in CC, to compare with the C kernel"

@@ -14,7 +14,7 @@ import pytest
 from benchmarks.drawn_rows import CASES, KINDS, SHAPES, draw, earthquakes
 from benchmarks.promises import ACCURACIES, ASKED, STEPS, Kept, judge, judged, reference, run_cases
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.outputs.variables import CHANGE, Status, relative_errors
+from pounding_sweep.variables.registry import CHANGE, Status, relative_errors
 
 PROMISED = 1e-3
 #: What each of seven scenarios is: right, off by two and by ten times what was promised, off and said so, diverged, off

@@ -22,7 +22,7 @@ from benchmarks.peers.opensees import largest_drifts, shake
 from benchmarks.timing import medians
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import get_law
-from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, reducers_for
+from pounding_sweep.variables.registry import DEFAULT_OUTPUTS, reducers_for
 
 #: Strength reduction, hardening, scenarios at a time, and turns of each job.
 REDUCTION, HARDENING, BATCH, ROUNDS = 4.0, 0.05, 64, 31

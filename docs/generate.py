@@ -23,12 +23,12 @@ from pounding_sweep.figures import FIGURES
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, RESTING_SPEED, Law
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.model.rebound import RELATIONS
-from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, STATUS, VARIABLES
 from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.plan.sanity import LIMITS
 from pounding_sweep.records import KNOWN_RECORDS, RECORD_SETS
 from pounding_sweep.records.formats import READERS
 from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.variables.registry import DEFAULT_OUTPUTS, STATUS, VARIABLES
 
 
 def _laws() -> str:

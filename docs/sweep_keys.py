@@ -13,11 +13,11 @@ from pounding_sweep.model.laws import hertz_stiffness
 from pounding_sweep.model.presets import base_isolated
 from pounding_sweep.model.scene import BoucWen, Building, Bumper, ContactProperties, Foundation, Link, Scene, Wall
 from pounding_sweep.records import near_fault_record, pulse_record, read_record, synthetic_record
-from pounding_sweep.spec import build
-from pounding_sweep.spec.axes import AXES, FACTOR_KINDS, Case, Range
-from pounding_sweep.spec.build import Arguments, build_spec
-from pounding_sweep.spec.design import DISTRIBUTIONS, DesignTable
-from pounding_sweep.spec.toml import SECTIONS
+from pounding_sweep.request import build
+from pounding_sweep.request.axes import AXES, FACTOR_KINDS, Case, Range
+from pounding_sweep.request.build import Arguments, build_spec
+from pounding_sweep.request.design import DISTRIBUTIONS, DesignTable
+from pounding_sweep.request.toml import SECTIONS
 
 #: Of a record that is there: scaled to a spectral acceleration.
 _SA = {

@@ -23,7 +23,7 @@ _HOME = {
         "records": "Record find_record list_records near_fault_record pulse_record read_record synthetic_record",
         "run.simulate": "simulate",
         "run.sweep": "Sweep load_sweep",
-        "spec.axes": "Range",
+        "request.axes": "Range",
     }.items()
     for name in names.split()
 }
@@ -49,9 +49,9 @@ if TYPE_CHECKING:
         read_record,
         synthetic_record,
     )
+    from pounding_sweep.request.axes import Range
     from pounding_sweep.run.simulate import simulate
     from pounding_sweep.run.sweep import Sweep, load_sweep
-    from pounding_sweep.spec.axes import Range
 
 
 def __getattr__(name: str) -> Any:

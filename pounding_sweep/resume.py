@@ -31,7 +31,7 @@ from pounding_sweep.base.errors import OutputError, WriteError
 from pounding_sweep.base.files import FilePath
 from pounding_sweep.output.dataset import package_version
 from pounding_sweep.output.identity import libraries, package_digest
-from pounding_sweep.spec.spec import to_json
+from pounding_sweep.request.spec import to_json
 
 if TYPE_CHECKING:
     from pounding_sweep.plan.plan import Plan

@@ -12,8 +12,8 @@ from scipy.optimize import brentq
 import pounding_sweep as ps
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import RowKernel
-from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
 from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.variables.registry import VARIABLES, Status, reducers_for
 
 
 @lru_cache

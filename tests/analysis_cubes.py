@@ -7,9 +7,9 @@ from scenes import CubeAxis, assemble
 
 from pounding_sweep.model.laws import get_law, realised_restitution
 from pounding_sweep.model.scene import Building, Scene, Wall
-from pounding_sweep.outputs.variables import VARIABLES, inner_shape, scatter_contact, scatter_dof
-from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import to_json
+from pounding_sweep.request.build import build_spec
+from pounding_sweep.request.spec import to_json
+from pounding_sweep.variables.registry import VARIABLES, inner_shape, scatter_contact, scatter_dof
 
 LAWS = ["none", "linear", "hertz_damped"]
 MODES = ("fundamental_period", "first_damping_ratio")

@@ -24,12 +24,12 @@ import numpy as np
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
-from pounding_sweep.outputs.variables import VARIABLES
 from pounding_sweep.records import Record
-from pounding_sweep.spec import build
-from pounding_sweep.spec.axes import Case, Range
-from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.toml import load_spec
+from pounding_sweep.request import build
+from pounding_sweep.request.axes import Case, Range
+from pounding_sweep.request.build import build_spec
+from pounding_sweep.request.toml import load_spec
+from pounding_sweep.variables.registry import VARIABLES
 
 GOLDEN = Path(__file__).parent / "golden" / "bad_sweeps.txt"
 PULSE = Record("pulse", dt=0.01, acceleration=[0.0, 1.0, -1.0, 0.0])

@@ -18,10 +18,10 @@ from pounding_sweep.accuracy.tradeoff import KIND, KIND_ATTRIBUTE
 from pounding_sweep.analysis import response_spectrum
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.output.labels import design_coordinates
-from pounding_sweep.outputs.variables import VARIABLES, inner_shape
 from pounding_sweep.records import pulse_record, records_dataset
-from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import json_data, to_json
+from pounding_sweep.request.build import build_spec
+from pounding_sweep.request.spec import json_data, to_json
+from pounding_sweep.variables.registry import VARIABLES, inner_shape
 
 LAWS = ("linear", "kelvin_voigt", "none")
 

@@ -21,7 +21,7 @@ from benchmarks.experiments import make_frame
 from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.outputs.variables import VARIABLES, reducers_for
+from pounding_sweep.variables.registry import VARIABLES, reducers_for
 
 #: The page about laws of one's own: its example runs.
 OWN_LAW = Path(__file__).parents[1] / "docs" / "own_law.md"

@@ -41,7 +41,7 @@ MUTANTS = (
     ("resume.py", "if checksum != written:", "if False:", "test_store.py"),
     # shears are of the neighbour's stiffness
     (
-        "outputs/variables.py",
+        "variables/registry.py",
         'results.slots["drift"] * results.variants.elastic_stiffnesses',
         'results.slots["drift"] * results.variants.elastic_stiffnesses[:, ::-1]',
         "test_kernels.py",

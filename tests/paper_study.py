@@ -9,7 +9,6 @@ import xarray as xr
 
 from pounding_sweep.analysis.spectra import response_spectrum
 from pounding_sweep.model.laws import MATE2015_MODELS
-from pounding_sweep.outputs.variables import Status, get_variable
 from pounding_sweep.paper.study import (
     BUILDINGS,
     HERTZ_LAWS,
@@ -22,7 +21,8 @@ from pounding_sweep.paper.study import (
     sweep_of,
 )
 from pounding_sweep.records import find_record, records_dataset
-from pounding_sweep.spec.spec import to_json
+from pounding_sweep.request.spec import to_json
+from pounding_sweep.variables.registry import Status, get_variable
 
 LAWS = list(MATE2015_MODELS)
 OUTER = {"reading": list(READINGS), "law": LAWS, "record": ["el_centro"]}

@@ -12,10 +12,10 @@ from typer.testing import CliRunner
 from pounding_sweep.cli.app import app
 from pounding_sweep.model.scene import Building, ContactProperties, Scene
 from pounding_sweep.output import dataset
-from pounding_sweep.outputs.variables import VARIABLES
 from pounding_sweep.records import Record
+from pounding_sweep.request.spec import case_variants
 from pounding_sweep.run.sweep import Sweep
-from pounding_sweep.spec.spec import case_variants
+from pounding_sweep.variables.registry import VARIABLES
 
 OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
 #: Outputs that need every reducer but the closing displacement: those of `simulate`.

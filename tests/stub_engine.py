@@ -27,7 +27,7 @@ from pounding_sweep import resume
 from pounding_sweep.engine import compile
 from pounding_sweep.kernel.march import FLAG_DIVERGED
 from pounding_sweep.kernel.spec import LANES, KernelSpec, Slots, history_slots, input_slots, property_slots
-from pounding_sweep.outputs.variables import output_slots
+from pounding_sweep.variables.registry import output_slots
 
 #: Relative error of a step as long as the shortest period.
 ERROR = 0.3

@@ -18,15 +18,15 @@ import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
-from pounding_sweep.outputs.variables import UNMEASURED, VARIABLES, Status, comparable, relative_error, relative_errors
 from pounding_sweep.plan import advice
 from pounding_sweep.plan.advice import CLASSES, Curve, Measured, classes_of, load_measured, shortest_contact
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.records import Record, synthetic_record
+from pounding_sweep.request.build import build_spec
+from pounding_sweep.request.spec import with_accuracy
 from pounding_sweep.run.execute import Dispatcher, execute
 from pounding_sweep.run.sweep import Sweep
-from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import with_accuracy
+from pounding_sweep.variables.registry import UNMEASURED, VARIABLES, Status, comparable, relative_error, relative_errors
 
 pytestmark = pytest.mark.usefixtures("stub_by_day")
 

@@ -18,7 +18,7 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import get_law, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.output.netcdf import open_cube, write_cube
-from pounding_sweep.outputs.variables import Status
+from pounding_sweep.variables.registry import Status
 
 AXES = {"law": LAWS, "gap": [0.01, 0.02], "restitution": [0.2, 0.6, 1.0], "record": list(PGA), "scale": [0.5, 1.0]}
 ENERGIES = ("energy_input", "energy_damping", "energy_held", "contact_work")

@@ -28,7 +28,7 @@ from pounding_sweep.analysis.comparisons.fragility import (
 )
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import FIGURES
-from pounding_sweep.outputs.variables import VARIABLES, Status
+from pounding_sweep.variables.registry import VARIABLES, Status
 
 _PLACE = importlib.util.spec_from_file_location(
     "interval_coverage", Path(__file__).parents[1] / "docs" / "interval_coverage.py"

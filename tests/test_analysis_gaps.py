@@ -29,8 +29,8 @@ from pounding_sweep.analysis.rebuild import intensity_of, records_of, stored_swe
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import FIGURES
 from pounding_sweep.model.scene import Building, Scene, Wall
-from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import read_record_set, record_measures
+from pounding_sweep.variables.registry import Status
 
 OUTPUTS = ["displacement_max", "displacement_min", "closing_max"]
 

@@ -15,9 +15,9 @@ from test_simulate import PAIR, A, B, shake, shaking, with_gap
 
 import pounding_sweep as ps
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.outputs.variables import Status
+from pounding_sweep.request.spec import METHODS
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.spec import METHODS
+from pounding_sweep.variables.registry import Status
 
 pytestmark = pytest.mark.usefixtures("pair_kernels")
 

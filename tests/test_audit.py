@@ -20,13 +20,13 @@ from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.output.audited import audit_table, errors_by_law, errors_sentence
 from pounding_sweep.output.describe import describe
-from pounding_sweep.outputs.variables import Status, reducers_for, relative_error
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.records import synthetic_record
+from pounding_sweep.request.build import build_spec
 from pounding_sweep.run import audit
 from pounding_sweep.run.audit import draw
 from pounding_sweep.run.sweep import Sweep
-from pounding_sweep.spec.build import build_spec
+from pounding_sweep.variables.registry import Status, reducers_for, relative_error
 
 #: Several groups of lanes in the audit, by this title of both laws that touch.
 LARGER = {"gaps": [0.0005, 0.5, 0.001, 0.002, 0.003, 0.005, 0.01, 0.02], "audit": 1.0, "title": "two", "rest": 0.0}

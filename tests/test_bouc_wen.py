@@ -16,7 +16,7 @@ from pounding_sweep.base.errors import SweepError
 from pounding_sweep.engine.row_kernel import Numerics
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.scene import BoucWen
-from pounding_sweep.outputs.variables import VARIABLES, Status
+from pounding_sweep.variables.registry import VARIABLES, Status
 
 NOT_HERE = ("closing_max", "time_step", "error_estimate", "amplification")
 OUTPUTS = [name for name, each in VARIABLES.items() if name not in NOT_HERE and each.only != "columns"]

@@ -16,8 +16,8 @@ from pounding_sweep.model.scene import Building, Wall
 from pounding_sweep.output.describe import describe
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.records import Record, find_record, list_records, read_record, resolve_records
-from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.toml import load_spec
+from pounding_sweep.request.build import build_spec
+from pounding_sweep.request.toml import load_spec
 
 SWEEP = '[scene]\npreset = "mate2015"\n[sweep]\nrecords = ["el_centro"]\nlaws = ["linear"]\n'
 LINES = "two\nlines"

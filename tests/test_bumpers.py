@@ -18,11 +18,11 @@ from pounding_sweep.analysis import gap_for_probability, required_gap
 from pounding_sweep.base.errors import InputError, LawError, SweepError
 from pounding_sweep.model import formula as formulas
 from pounding_sweep.model.laws import LAWS, Law, realised_restitution
-from pounding_sweep.outputs.variables import inner_shape
 from pounding_sweep.plan.advice import shortest_contact
 from pounding_sweep.plan.plan import untouched
+from pounding_sweep.request.spec import overview
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.spec import overview
+from pounding_sweep.variables.registry import inner_shape
 
 GAP, K = 0.012, 3e8
 SCENE = pair(GAP)

@@ -29,9 +29,9 @@ from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel import lanes
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
-from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import newmark
+from pounding_sweep.variables.registry import Status
 
 LINEAR = get_law("linear")
 DOUBLED = replace(LINEAR, elastic="2.0*k*d", elastic_slope="2.0*k")
@@ -161,7 +161,7 @@ def test_what_a_kernel_is_made_of_is_in_its_name(monkeypatch, tmp_path):
         return source_digest(shape)
 
     before = name()
-    for edited in ("kernel/lanes.py", "schemes/exact.py", "outputs/variables.py", "engine/kernel.py", "model/laws.py"):
+    for edited in ("kernel/lanes.py", "schemes/exact.py", "variables/registry.py", "engine/kernel.py", "model/laws.py"):
         path = tmp_path / "copy" / edited
         text = path.read_text(encoding="utf-8")
         path.write_text(f"{text}# edited", encoding="utf-8")

@@ -26,11 +26,11 @@ from pounding_sweep.cli.app import INTERRUPTS, app, open_streams
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.describe import summarize
 from pounding_sweep.output.netcdf import write_cube
-from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import KNOWN_RECORDS
+from pounding_sweep.request.spec import overview
 from pounding_sweep.run import execute
 from pounding_sweep.run.sweep import load_sweep
-from pounding_sweep.spec.spec import overview
+from pounding_sweep.variables.registry import Status
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 ROOT = Path(__file__).resolve().parent.parent

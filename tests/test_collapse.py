@@ -14,8 +14,8 @@ from pounding_sweep.analysis.comparisons.fragility import FitStatus, sentence
 from pounding_sweep.analysis.exchange import export_pelicun
 from pounding_sweep.analysis.scenarios import values
 from pounding_sweep.figures.gallery import cubes as drawn
-from pounding_sweep.outputs.variables import Status
 from pounding_sweep.run.refinement import differences
+from pounding_sweep.variables.registry import Status
 
 SCALES = [1.0, 2.0, 3.0, 4.0]
 RECORDS = ["r1", "r2", "r3", "r4"]  # of 1 m/s2 each

@@ -17,7 +17,7 @@ from pounding_sweep.analysis.comparisons import COMPARISONS, table_rows
 from pounding_sweep.analysis.rebuild import intensity_of
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.output.netcdf import open_cube, write_cube
-from pounding_sweep.outputs.variables import Status
+from pounding_sweep.variables.registry import Status
 
 NAMES = (
     "displacement_max",

@@ -16,8 +16,8 @@ from test_links import exact, matrices
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.model.variants import coupled_modes, variants_of
-from pounding_sweep.outputs.variables import Status
 from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.variables.registry import Status
 
 A, B = LINKED.buildings
 

@@ -26,7 +26,8 @@ from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE
 from pounding_sweep.output.describe import about, describe
 from pounding_sweep.output.netcdf import check_output, open_cube, write_cube
-from pounding_sweep.outputs.variables import (
+from pounding_sweep.resume import MANIFEST, parts_folder
+from pounding_sweep.variables.registry import (
     DEFAULT_OUTPUTS,
     INNER_DIMS,
     INTEGER_FILL,
@@ -39,7 +40,6 @@ from pounding_sweep.outputs.variables import (
     scatter_contact,
     scatter_dof,
 )
-from pounding_sweep.resume import MANIFEST, parts_folder
 
 
 def building(name, n, height=3.0):

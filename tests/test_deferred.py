@@ -44,7 +44,7 @@ ps.analysis.COMPARISONS; ps.figures.plot
 import pounding_sweep.cli
 assert "laws" in ps.analysis.COMPARISONS
 print({"numpy", "xarray", "matplotlib", "numba"} & set(sys.modules))
-import pounding_sweep.outputs.variables, pounding_sweep.output.dataset, pounding_sweep.output.describe
+import pounding_sweep.variables.registry, pounding_sweep.output.dataset, pounding_sweep.output.describe
 import pounding_sweep.output.netcdf, pounding_sweep.records, pounding_sweep.resume
 print({"numba", "dask", "matplotlib", "scipy", "xarray", "netCDF4"} & set(sys.modules))
 """

@@ -12,10 +12,10 @@ from scipy import stats
 from pounding_sweep import Sweep
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.output.netcdf import open_cube
-from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.design import DISTRIBUTIONS, design_of, read_distribution
-from pounding_sweep.spec.spec import digest, to_json
-from pounding_sweep.spec.toml import load_spec
+from pounding_sweep.request.build import build_spec
+from pounding_sweep.request.design import DISTRIBUTIONS, design_of, read_distribution
+from pounding_sweep.request.spec import digest, to_json
+from pounding_sweep.request.toml import load_spec
 
 
 def drawn(kind, **numbers):

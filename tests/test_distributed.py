@@ -27,10 +27,10 @@ from test_limits import done
 import pounding_sweep
 from pounding_sweep.base.errors import ClusterError
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.outputs.variables import Status
 from pounding_sweep.plan.scenarios import ChunkTask
 from pounding_sweep.run import cluster as far_workers
 from pounding_sweep.run.execute import Progress
+from pounding_sweep.variables.registry import Status
 
 # where all have died, the next may take long to start on a busy machine
 pytestmark = pytest.mark.filterwarnings("ignore:(no )?workers at .*; waiting:RuntimeWarning")

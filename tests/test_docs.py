@@ -17,10 +17,10 @@ from pounding_sweep.figures import FIGURES
 from pounding_sweep.model.faults import Table
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.presets import PRESETS
-from pounding_sweep.outputs.variables import VARIABLES
-from pounding_sweep.spec import design as spec_tables
-from pounding_sweep.spec.design import Inputs
-from pounding_sweep.spec.toml import SECTIONS
+from pounding_sweep.request import design as spec_tables
+from pounding_sweep.request.design import Inputs
+from pounding_sweep.request.toml import SECTIONS
+from pounding_sweep.variables.registry import VARIABLES
 
 DOCS = Path(__file__).parents[1] / "docs"
 

@@ -13,10 +13,10 @@ from scenes import motions, yielding_pair
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.engine import spectrum
-from pounding_sweep.outputs.variables import Status
+from pounding_sweep.request.axes import Case
+from pounding_sweep.request.spec import digest
 from pounding_sweep.run.simulate import selectors, simulate_one
-from pounding_sweep.spec.axes import Case
-from pounding_sweep.spec.spec import digest
+from pounding_sweep.variables.registry import Status
 
 GIVEN = {key: value for key, value in YIELDING_SWEEP.items() if key not in ("strength_factors", "hardenings")}
 SWEEP = GIVEN | {"gaps": [0.001, 0.004], "ductilities": [1.5, 4.0]}

@@ -25,12 +25,12 @@ from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.output import identity
 from pounding_sweep.output.netcdf import open_cube
-from pounding_sweep.outputs.variables import Status, get_variable
 from pounding_sweep.plan.scenarios import Scenarios, cut
 from pounding_sweep.records import Record
+from pounding_sweep.request.spec import to_json
 from pounding_sweep.resume import ChunkStore
 from pounding_sweep.run.execute import Progress
-from pounding_sweep.spec.spec import to_json
+from pounding_sweep.variables.registry import Status, get_variable
 
 
 def scenarios_of(cube):

@@ -20,13 +20,13 @@ from pounding_sweep.base.errors import InputError, WriteError
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.output.netcdf import open_cube, write_cube
-from pounding_sweep.outputs.variables import Status
 from pounding_sweep.plan import plan as planning
 from pounding_sweep.records import Record
 from pounding_sweep.resume import MANIFEST
 from pounding_sweep.run import audit as auditing
 from pounding_sweep.run import execute
 from pounding_sweep.run.reuse import EarlierCube
+from pounding_sweep.variables.registry import Status
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 

@@ -22,9 +22,9 @@ from pounding_sweep.engine.row_kernel import Numerics
 from pounding_sweep.figures import plot
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.netcdf import open_cube, write_cube
-from pounding_sweep.outputs.variables import OK_CLAIM, Status, scatter_dof
 from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.variables.registry import OK_CLAIM, Status, scatter_dof
 
 pytestmark = pytest.mark.usefixtures("stub_by_day")
 

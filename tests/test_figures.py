@@ -28,7 +28,7 @@ from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.dataset import UNTITLED
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.select import select
-from pounding_sweep.outputs.variables import INNER_DIMS, Status
+from pounding_sweep.variables.registry import INNER_DIMS, Status
 
 #: Words of labels that have no unit.
 NO_UNIT = re.compile(r"impacts|error|drawn|probability|restitution|ratio|factor|share|pounding over|storey|law|input")

@@ -19,7 +19,7 @@ from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.modal_steps import step
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
-from pounding_sweep.outputs.variables import reducers_for
+from pounding_sweep.variables.registry import reducers_for
 
 
 def kernel_of(scene, outputs=EVERY, law="kelvin_voigt", **numerics):

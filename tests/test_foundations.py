@@ -21,9 +21,9 @@ import pounding_sweep as ps
 from pounding_sweep.engine.postprocess import displacement_limit, energy_limit
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants, variants_of
+from pounding_sweep.request.spec import overview
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.spec import overview
 
 A, B = FOUNDED.buildings
 SOFT = A.foundation

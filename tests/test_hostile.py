@@ -33,8 +33,8 @@ from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, CubeParts
 from pounding_sweep.output.export import export_cube
 from pounding_sweep.output.netcdf import NETCDF_LOCK, open_cube, write_cube, write_in_slabs
 from pounding_sweep.records import find_record, read_record
-from pounding_sweep.spec.axes import Range
-from pounding_sweep.spec.toml import MAX_FILE_BYTES
+from pounding_sweep.request.axes import Range
+from pounding_sweep.request.toml import MAX_FILE_BYTES
 
 SWEEPS = Path(__file__).parent.parent / "sweeps"
 

@@ -10,8 +10,8 @@ from analysis_cubes import hand_cube, random_fill
 from scenes import call
 
 from pounding_sweep.output.netcdf import write_cube
-from pounding_sweep.outputs.variables import Status
 from pounding_sweep.resume import MANIFEST
+from pounding_sweep.variables.registry import Status
 
 AXES = {"law": ["none", "linear"], "gap": [0.01, 0.02, 0.03], "record": ["one", "two"]}
 RECORDS = [{"name": "one", "pga": 1.5, "sha256": "3f2a"}, {"name": "two", "pga": 2.5, "sha256": "91bc"}]

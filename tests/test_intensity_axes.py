@@ -16,11 +16,11 @@ from pounding_sweep.analysis.rebuild import intensity_of
 from pounding_sweep.base.errors import InputError, PoundingSweepError, RecordError
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.plan.plan import make_plan
+from pounding_sweep.request.axes import DIMENSIONS, Case
+from pounding_sweep.request.build import build_spec
+from pounding_sweep.request.spec import to_json
+from pounding_sweep.request.toml import load_spec
 from pounding_sweep.run.simulate import scenario_of
-from pounding_sweep.spec.axes import DIMENSIONS, Case
-from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import to_json
-from pounding_sweep.spec.toml import load_spec
 
 PGAS = [1.5, 4.0]
 

@@ -22,7 +22,7 @@ from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel import lanes, spec
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.outputs.variables import REDUCERS
+from pounding_sweep.variables.registry import REDUCERS
 
 EL_CENTRO = ps.find_record("el_centro")
 SHORT = ps.Record("short", EL_CENTRO.dt, EL_CENTRO.acceleration[90:113])

@@ -18,8 +18,8 @@ from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import history_slots
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
 from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.variables.registry import VARIABLES, Status, reducers_for
 
 pytestmark = pytest.mark.usefixtures("pair_kernels")
 

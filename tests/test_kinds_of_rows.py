@@ -20,9 +20,9 @@ import pounding_sweep as ps
 from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants, variants_of
-from pounding_sweep.outputs.variables import Status, reducers_for
-from pounding_sweep.spec.axes import Case
-from pounding_sweep.spec.spec import json_data, scene_of
+from pounding_sweep.request.axes import Case
+from pounding_sweep.request.spec import json_data, scene_of
+from pounding_sweep.variables.registry import Status, reducers_for
 
 
 def cases(runs, slow=lambda *_: False):

@@ -11,7 +11,7 @@ from pounding_sweep import Building, Scene, Sweep, Wall
 from pounding_sweep.analysis.rebuild import stored_sweep
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.output.select import select
-from pounding_sweep.spec.spec import scene_of
+from pounding_sweep.request.spec import scene_of
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 NAMES = (

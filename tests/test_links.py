@@ -19,8 +19,8 @@ from scipy.linalg import block_diag, eig, expm
 import pounding_sweep as ps
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
+from pounding_sweep.request.spec import overview
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.spec import overview
 
 A, B = pair().buildings
 

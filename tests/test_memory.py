@@ -18,8 +18,8 @@ from pounding_sweep.base.errors import OutputError, SweepError
 from pounding_sweep.output import describe as describing
 from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output.netcdf import write_cube
-from pounding_sweep.outputs.variables import cube_variables
 from pounding_sweep.run.diagnosis import FreeMemory
+from pounding_sweep.variables.registry import cube_variables
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 

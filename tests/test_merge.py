@@ -21,8 +21,8 @@ from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.output.netcdf import open_cube, write_cube
-from pounding_sweep.outputs.variables import ORIGINS, Status
-from pounding_sweep.spec.spec import digest, to_json
+from pounding_sweep.request.spec import digest, to_json
+from pounding_sweep.variables.registry import ORIGINS, Status
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 

@@ -10,10 +10,10 @@ from scenes import scene_of_case
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.request.axes import Case
+from pounding_sweep.request.build import build_spec
 from pounding_sweep.run.histories import instants_in_contact, peaks_shown
 from pounding_sweep.run.simulate import scenario_of, simulate_one, simulate_shown
-from pounding_sweep.spec.axes import Case
-from pounding_sweep.spec.build import build_spec
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from analysis_cubes import hand_cube, low_and_high, random_fill, sweep_attribute
 
 from pounding_sweep import Building, Scene, Wall
 from pounding_sweep.output.describe import about, describe
-from pounding_sweep.spec.spec import overview, overview_of
+from pounding_sweep.request.spec import overview, overview_of
 
 
 def row(**more):
@@ -62,7 +62,7 @@ def test_a_file_may_hold_anything(stored):
 
 
 def test_the_row_of_one_scenario_is_told():
-    from pounding_sweep.spec.spec import json_data
+    from pounding_sweep.request.spec import json_data
 
     scene = row(storeys={"right-moat": [1]}, tolerance=2e-3)
     assert overview_of({"scene": json.dumps(json_data(scene))}) == overview(scene)

@@ -22,10 +22,10 @@ from pounding_sweep.kernel.group import _FUNCTIONS
 from pounding_sweep.model import formula as formulas
 from pounding_sweep.model.laws import LAWS, Law, find_law, realised_restitution
 from pounding_sweep.output.merge import merge_cubes
-from pounding_sweep.outputs.variables import relative_errors
 from pounding_sweep.plan.plan import make_plan
+from pounding_sweep.request.spec import digest, to_json
 from pounding_sweep.resume import identity_of
-from pounding_sweep.spec.spec import digest, to_json
+from pounding_sweep.variables.registry import relative_errors
 
 MINE = """
 from pounding_sweep import Law

@@ -16,9 +16,9 @@ from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
 from pounding_sweep.plan.sanity import doubts
-from pounding_sweep.spec.spec import overview
+from pounding_sweep.request.spec import overview
+from pounding_sweep.variables.registry import VARIABLES, Status, reducers_for
 
 G = 9.81
 NOT_HERE = ("closing_max", "time_step", "error_estimate", "amplification")

@@ -23,16 +23,16 @@ from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.output.netcdf import open_cube
-from pounding_sweep.outputs.variables import Status, get_variable, inner_shape, reducers_for, scatter_contact
 from pounding_sweep.plan import plan as planning
 from pounding_sweep.plan.plan import make_plan, untouched
 from pounding_sweep.records import Record
+from pounding_sweep.request.axes import contact_stiffness
+from pounding_sweep.request.build import build_spec
+from pounding_sweep.request.spec import digest
 from pounding_sweep.run import estimate
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.axes import contact_stiffness
-from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import digest
+from pounding_sweep.variables.registry import Status, get_variable, inner_shape, reducers_for, scatter_contact
 
 VALUES = (*OUTPUTS, "status", "steps_per_contact")
 

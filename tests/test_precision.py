@@ -17,8 +17,8 @@ from pounding_sweep.engine.kernel import emit, width
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.flight_tables import Tables
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.outputs.variables import REDUCERS, Status
 from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.variables.registry import REDUCERS, Status
 
 
 def llvm(kernel):

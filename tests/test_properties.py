@@ -23,15 +23,15 @@ from pounding_sweep.kernel.spec import LANES, input_slots, property_slots
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.outputs.variables import reducers_for
 from pounding_sweep.plan import plan as planning
 from pounding_sweep.plan.advice import approach_speeds, highest_frequency, shortest_contact
 from pounding_sweep.plan.plan import PLAN_BYTES, make_plan
+from pounding_sweep.request.build import build_spec
+from pounding_sweep.request.spec import to_json
+from pounding_sweep.request.toml import load_spec
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import to_json
-from pounding_sweep.spec.toml import load_spec
+from pounding_sweep.variables.registry import reducers_for
 
 PERIODS, MASSES, RATIOS = {"a": [0.8, 1.0, 1.5]}, {"b": [2.0, 1.0]}, [0.02, 0.05]
 AXES = {"period_factors": PERIODS, "mass_factors": MASSES, "damping_ratios": RATIOS}

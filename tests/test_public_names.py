@@ -9,7 +9,7 @@ import typer
 
 import pounding_sweep as ps
 from pounding_sweep.cli.app import app
-from pounding_sweep.outputs.variables import STATUS, VARIABLES
+from pounding_sweep.variables.registry import STATUS, VARIABLES
 
 #: Arguments of public callables as they are given: in order, with their defaults; those after * by name only.
 CALLS = {

@@ -10,7 +10,7 @@ import pytest
 
 import pounding_sweep as ps
 from pounding_sweep.analysis import required_gap
-from pounding_sweep.spec.axes import contact_stiffness
+from pounding_sweep.request.axes import contact_stiffness
 
 pytestmark = pytest.mark.slow
 

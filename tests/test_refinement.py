@@ -8,7 +8,11 @@ from scenes import AXES, EVERY, OUTPUTS, motions, row
 
 import pounding_sweep as ps
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.outputs.variables import (
+from pounding_sweep.plan import advice
+from pounding_sweep.plan.advice import CLASSES, Curve, Measured
+from pounding_sweep.run import refinement
+from pounding_sweep.run.refinement import differences
+from pounding_sweep.variables.registry import (
     AT_REST,
     CHANGE,
     DEFAULT_OUTPUTS,
@@ -19,10 +23,6 @@ from pounding_sweep.outputs.variables import (
     comparable,
     relative_errors,
 )
-from pounding_sweep.plan import advice
-from pounding_sweep.plan.advice import CLASSES, Curve, Measured
-from pounding_sweep.run import refinement
-from pounding_sweep.run.refinement import differences
 
 FEW = {"laws": ["linear", "kelvin_voigt"], "gaps": [0.001, 0.003], "restitutions": [0.6], "audit": 0.0}
 

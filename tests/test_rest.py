@@ -19,9 +19,9 @@ from pounding_sweep.engine.row_kernel import REST_PERIODS, Numerics, RowKernel, 
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.labels import global_attributes
 from pounding_sweep.output.results import Outcome
-from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for, relative_errors
 from pounding_sweep.plan.advice import approach_speeds
-from pounding_sweep.spec.build import build_spec
+from pounding_sweep.request.build import build_spec
+from pounding_sweep.variables.registry import VARIABLES, Status, reducers_for, relative_errors
 
 PAIR = pair()
 #: Half a sine after which the ground stops at once, before any floors of the pair have met.

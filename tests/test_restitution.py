@@ -27,8 +27,8 @@ from pounding_sweep.model.laws import (
     realised_validity,
 )
 from pounding_sweep.model.rebound import RELATIONS, SMALLEST
+from pounding_sweep.request.build import build_spec
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.build import build_spec
 
 getcontext().prec = 80
 

@@ -16,8 +16,8 @@ from pounding_sweep.base.errors import SceneError, SweepError, UnlikelyWarning
 from pounding_sweep.model.scene import Building, Bumper, ContactProperties, Scene, Wall
 from pounding_sweep.model.variants import variants_of
 from pounding_sweep.plan.sanity import doubts, doubts_of, record_doubts
-from pounding_sweep.spec.axes import Case
-from pounding_sweep.spec.spec import scene_variants
+from pounding_sweep.request.axes import Case
+from pounding_sweep.request.spec import scene_variants
 
 ROOT = Path(__file__).parents[1]
 STEEL = Building("steel", [170.0] * 3, [5.5e5] * 3)

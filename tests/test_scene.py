@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pounding_sweep.base.errors import SceneError
 from pounding_sweep.model.presets import PRESETS, get_preset
 from pounding_sweep.model.scene import Building, Bumper, ContactProperties, Link, Scene, Wall
-from pounding_sweep.spec.spec import json_data
+from pounding_sweep.request.spec import json_data
 
 INF = float("inf")
 

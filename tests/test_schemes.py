@@ -16,12 +16,12 @@ from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import property_slots
 from pounding_sweep.model.laws import LAWS, get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
-from pounding_sweep.outputs.variables import reducers_for
 from pounding_sweep.plan import advice
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.explicit import Explicit
 from pounding_sweep.schemes.stability import DAMPED, largest_step
+from pounding_sweep.variables.registry import reducers_for
 
 EXPLICIT = [scheme for scheme in SCHEMES.values() if isinstance(scheme, Explicit)]
 

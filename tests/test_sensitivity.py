@@ -16,7 +16,7 @@ from pounding_sweep.analysis import sensitivity
 from pounding_sweep.analysis.comparisons.sensitivity import bootstrap_intervals, index_rows, sobol_indices
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.output.netcdf import write_cube
-from pounding_sweep.spec.build import build_spec
+from pounding_sweep.request.build import build_spec
 
 UNIFORM = {"distribution": "uniform", "low": 0.0, "high": 1.0}
 INPUTS = {

@@ -14,7 +14,7 @@ from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.scene import Building, Scene
-from pounding_sweep.outputs.variables import Status, reducers_for
+from pounding_sweep.variables.registry import Status, reducers_for
 
 POLYNOMIAL = [
     "linear",

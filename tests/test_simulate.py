@@ -14,10 +14,10 @@ from kernels_used import LAW_OF, SIMULATED
 import pounding_sweep as ps
 from pounding_sweep.base.errors import InputError, PoundingSweepError, StabilityError
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.outputs.variables import DIMS, INTEGER_FILL, OUTPUT_NAMES, VARIABLES, Status
+from pounding_sweep.request.spec import METHODS
 from pounding_sweep.run.histories import HISTORIES, peaks_shown
 from pounding_sweep.run.simulate import NOT_OF_ONE
-from pounding_sweep.spec.spec import METHODS
+from pounding_sweep.variables.registry import DIMS, INTEGER_FILL, OUTPUT_NAMES, VARIABLES, Status
 
 pytestmark = pytest.mark.usefixtures("pair_kernels")
 

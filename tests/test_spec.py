@@ -15,13 +15,13 @@ from pounding_sweep.base.errors import SceneError, SweepError
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, get_law
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
-from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES
 from pounding_sweep.records import Record, find_record, pulse_record, synthetic_record
+from pounding_sweep.request.axes import Case, Range
+from pounding_sweep.request.build import build_spec
+from pounding_sweep.request.spec import SweepSpec, digest, to_json
+from pounding_sweep.request.toml import line_finder, load_spec
 from pounding_sweep.run.sweep import Sweep, load_sweep
-from pounding_sweep.spec.axes import Case, Range
-from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import SweepSpec, digest, to_json
-from pounding_sweep.spec.toml import line_finder, load_spec
+from pounding_sweep.variables.registry import DEFAULT_OUTPUTS, VARIABLES
 
 ROOT = Path(__file__).resolve().parent.parent
 INF = float("inf")

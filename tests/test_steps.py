@@ -17,7 +17,7 @@ from benchmarks.drawn_rows import draw, earthquakes
 from pounding_sweep.engine.row_kernel import Numerics
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS
+from pounding_sweep.variables.registry import DEFAULT_OUTPUTS
 
 EL_CENTRO = ps.find_record("el_centro")
 

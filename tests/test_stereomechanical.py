@@ -11,8 +11,8 @@ from scenes import EVERY, OUTPUTS, motions, row
 
 import pounding_sweep as ps
 from pounding_sweep.output.merge import merge_cubes
-from pounding_sweep.outputs.variables import Status
-from pounding_sweep.spec.spec import METHODS
+from pounding_sweep.request.spec import METHODS
+from pounding_sweep.variables.registry import Status
 
 #: Schemes, those of the default run first.
 BY_DAY = ["newmark", "exact", pytest.param("rk4", marks=pytest.mark.slow)]

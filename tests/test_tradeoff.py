@@ -22,9 +22,9 @@ from pounding_sweep.figures import FIGURES, plot
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.netcdf import write_cube
-from pounding_sweep.outputs.variables import VARIABLES
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.schemes import SCHEMES, reference_scheme
+from pounding_sweep.variables.registry import VARIABLES
 
 pytestmark = pytest.mark.usefixtures("stub_by_day")
 

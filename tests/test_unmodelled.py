@@ -13,9 +13,9 @@ from pounding_sweep.base.files import read_data
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import Building, Bumper, ContactProperties, Foundation, Link, Scene
 from pounding_sweep.records import Record
+from pounding_sweep.request.build import Arguments
 from pounding_sweep.run.simulate import simulate
 from pounding_sweep.run.sweep import Sweep
-from pounding_sweep.spec.build import Arguments
 
 
 def test_keys_of_what_cannot_be_modelled_are_not_keys_that_are_valid():

@@ -20,7 +20,7 @@ from pounding_sweep.output.export import export_cube
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.select import select
 from pounding_sweep.records.record import record_measures
-from pounding_sweep.spec.spec import scene_of
+from pounding_sweep.request.spec import scene_of
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 OUTPUTS = ["displacement_max", "impact_force_max", "impact_count"]

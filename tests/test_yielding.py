@@ -19,8 +19,8 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
 from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.variables.registry import VARIABLES, Status, reducers_for
 
 NOT_HERE = ("closing_max", "time_step", "error_estimate", "amplification")
 OUTPUTS = [name for name, each in VARIABLES.items() if name not in NOT_HERE and each.exists_in(YIELDS)]

@@ -16,10 +16,10 @@ from pounding_sweep.base.errors import UnlikelyWarning
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import Building, Scene, rayleigh_factors
-from pounding_sweep.outputs.variables import STATUS
 from pounding_sweep.paper.study import BUILDINGS, GAP, READINGS, RESTITUTION
 from pounding_sweep.records import Record
 from pounding_sweep.run.sweep import Sweep
+from pounding_sweep.variables.registry import STATUS
 
 #: Step (s) of the located runs, in contact.
 STEP = 2e-3

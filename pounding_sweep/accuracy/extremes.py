@@ -27,8 +27,17 @@ from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.model.scene import CONTACTS, BoucWen, Building, Foundation, Scene, Wall
 from pounding_sweep.model.variants import variants_of
 from pounding_sweep.output.dataset import global_attributes
-from pounding_sweep.outputs import variables
-from pounding_sweep.outputs.variables import (
+from pounding_sweep.plan.advice import measured_schemes
+from pounding_sweep.plan.plan import make_plan
+from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, changed
+from pounding_sweep.records import Record, synthetic_record
+from pounding_sweep.request.spec import SweepSpec
+from pounding_sweep.run.execute import Progress
+from pounding_sweep.run.refinement import Values, run_scenarios
+from pounding_sweep.schemes import SCHEMES, reference_scheme
+from pounding_sweep.schemes.stability import largest_step
+from pounding_sweep.variables import registry
+from pounding_sweep.variables.registry import (
     CHANGE,
     OK_CLAIM,
     SETTLED,
@@ -39,15 +48,6 @@ from pounding_sweep.outputs.variables import (
     relative_error,
     relative_errors,
 )
-from pounding_sweep.plan.advice import measured_schemes
-from pounding_sweep.plan.plan import make_plan
-from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, changed
-from pounding_sweep.records import Record, synthetic_record
-from pounding_sweep.run.execute import Progress
-from pounding_sweep.run.refinement import Values, run_scenarios
-from pounding_sweep.schemes import SCHEMES, reference_scheme
-from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.spec import SweepSpec
 
 #: Peaks whose error is judged, and what every run reports beside them; the same of storeys that yield.
 PEAKS = ("displacement_max", "displacement_min", "impact_force_max", "penetration_max")
@@ -89,7 +89,7 @@ class Batch:
 
     def kernel(self, numerics: Numerics) -> RowKernel:
         """Return the kernel that runs it."""
-        reducers = variables.reducers_for(self.outputs)
+        reducers = registry.reducers_for(self.outputs)
         return RowKernel(self.scene, self.law, numerics, reducers, initial_velocity=self.initial_velocity)
 
     def step(self, numerics: Numerics) -> float:
@@ -103,15 +103,15 @@ class Batch:
     def run(self, numerics: Numerics) -> Values:
         """Run every scenario; those beyond the stability limit are refused."""
         rows, scene = np.flatnonzero(self.step(numerics) <= self.stable_step(numerics.method)), self.scene
-        names = variables.cube_variables(self.outputs)
-        values = {name: np.full((len(self), *variables.inner_shape(name, scene)), np.nan) for name in names}
+        names = registry.cube_variables(self.outputs)
+        values = {name: np.full((len(self), *registry.inner_shape(name, scene)), np.nan) for name in names}
         values["status"] = np.full(len(self), int(Status.BEYOND_STABILITY_LIMIT))
         if len(rows):
             task = ChunkTask(self.kernel(numerics), self.record, self.table[rows], variants_of(scene), self.outputs)
             part = run_scenarios(task)
             for name, column in values.items():
                 column[rows] = part[name]
-        return variables.mask_invalid(values)
+        return registry.mask_invalid(values)
 
 
 def oscillator(name: str, period: float, mass: float = 100.0, storeys: int = 1, damping: float = 0.05) -> Building:
@@ -463,7 +463,7 @@ def energy_share(batch: Batch, values: Mapping[str, np.ndarray]) -> np.ndarray:
     share = (values["energy_kinetic"] + values["energy_strain"]).sum(axis=1)
     yields = any(batch.scene.yields)  # beyond yielding a displacement grows up to like its energy, not like the root
     reach = displacement_limit(batch.scene, limit if yields else np.ones(len(batch)))
-    reach = variables.scatter_dof(reach, batch.scene)
+    reach = registry.scatter_dof(reach, batch.scene)
     for name in ("displacement_max", "displacement_min"):
         part = np.abs(values[name]) / np.where(reach > 0.0, reach, 1e-300)
         implied = (limit[:, None, None] * part if yields else np.square(part)).reshape(len(batch), -1)
@@ -551,7 +551,7 @@ def _exists(scene: Scene, name: str, shape: tuple[int, ...]) -> np.ndarray:
         column = np.zeros(len(scene.contacts))
     else:
         return np.ones(shape, bool)
-    return np.isfinite(variables.scatter(column, scene, per))
+    return np.isfinite(registry.scatter(column, scene, per))
 
 
 def run_judged(batch: Batch, precision: str, methods: Sequence[str]) -> list[pd.DataFrame]:

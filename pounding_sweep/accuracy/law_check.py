@@ -16,9 +16,9 @@ from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model import formula as formulas
 from pounding_sweep.model.laws import LAWS, Law, find_law
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
-from pounding_sweep.outputs.variables import REDUCERS
 from pounding_sweep.records import Record
 from pounding_sweep.run.execute import Progress
+from pounding_sweep.variables.registry import REDUCERS
 
 #: Largest difference between restitutions that agree: kernels and closed forms are exact to far less.
 REBOUND_TOLERANCE = 1e-6

@@ -25,16 +25,16 @@ from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.dataset import global_attributes, unit_attributes
 from pounding_sweep.output.identity import library_versions
 from pounding_sweep.output.labels import listed_coordinates
-from pounding_sweep.outputs.variables import CHANGE, OK_CLAIM, STATUS, Status, comparable, inner_shape, relative_errors
 from pounding_sweep.plan.plan import Plan, make_plan, untouched
 from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, changed
+from pounding_sweep.request.spec import DEFAULT_ACCURACY, METHODS, PRECISIONS, SweepSpec, digest, to_json, with_accuracy
 from pounding_sweep.run.diagnosis import diagnose
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.refinement import run_scenarios
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.spec import DEFAULT_ACCURACY, METHODS, PRECISIONS, SweepSpec, digest, to_json, with_accuracy
+from pounding_sweep.variables.registry import CHANGE, OK_CLAIM, STATUS, Status, comparable, inner_shape, relative_errors
 
 #: Steps (s) compared by default.
 DEFAULT_STEPS = (5e-3, 2.5e-3, 1e-3, 5e-4, 2.5e-4)

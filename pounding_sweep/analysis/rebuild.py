@@ -29,13 +29,13 @@ from pounding_sweep.analysis.scenarios import (
 from pounding_sweep.analysis.spectra import USUAL_DAMPING, response_spectrum
 from pounding_sweep.base.errors import InputError, RecordError
 from pounding_sweep.model.scene import CONTACTS, Scene
-from pounding_sweep.outputs.variables import INNER_DIMS
 from pounding_sweep.records import RECORD_SETS, Record, find_record, record_measures, resolve_records
 from pounding_sweep.records.synthetic import remade
+from pounding_sweep.request.axes import AXES, axes_of, case_of, plain_name
+from pounding_sweep.request.spec import scene_of
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.axes import AXES, axes_of, case_of, plain_name
-from pounding_sweep.spec.spec import scene_of
+from pounding_sweep.variables.registry import INNER_DIMS
 
 #: Records that an error names.
 _NAMED = 3

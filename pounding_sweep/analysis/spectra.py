@@ -17,7 +17,7 @@ from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.output.dataset import CONVENTIONS, VERSION_ATTRIBUTE, package_version
 from pounding_sweep.records import Record, resolve_records
-from pounding_sweep.spec.spec import seconds_of_rest
+from pounding_sweep.request.spec import seconds_of_rest
 
 Array = npt.NDArray[np.float64]
 Numbers = float | Sequence[float] | Array

@@ -176,7 +176,7 @@ def extremes_command(
 
 
 def _print_extremes(report: dict[str, Any]) -> None:
-    from pounding_sweep.outputs.variables import CHANGE, OK_CLAIM, STATUS
+    from pounding_sweep.variables.registry import CHANGE, OK_CLAIM, STATUS
 
     results = report["results"]
     print(report["conclusion"], end="\n\n")

@@ -229,8 +229,8 @@ class SweepOptions:
     def load(self) -> Sweep:
         """Read the sweep file, with the laws and the accuracy that were asked for."""
         from pounding_sweep.model.laws import LAW_GROUPS, find_law
+        from pounding_sweep.request.spec import with_accuracy
         from pounding_sweep.run.sweep import load_sweep
-        from pounding_sweep.spec.spec import with_accuracy
 
         laws = [name if name in LAW_GROUPS else find_law(name) for name in self.laws or ()]
         loaded = load_sweep(self.sweep, skip_missing_records=self.skip_missing, folders=self.folders, laws=laws or None)

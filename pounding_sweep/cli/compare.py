@@ -135,7 +135,7 @@ def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
     from pounding_sweep.output.describe import statuses
     from pounding_sweep.output.netcdf import open_cube
     from pounding_sweep.output.select import select
-    from pounding_sweep.outputs.variables import VALID
+    from pounding_sweep.variables.registry import VALID
 
     at = axis_values(options.at)
     keys, arguments = options.checked()

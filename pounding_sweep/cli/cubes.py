@@ -158,7 +158,7 @@ def _select(dataset: xr.Dataset, values: dict[str, list[str]], kind: str | None)
     from pounding_sweep.analysis.scenarios import COMPARISON
     from pounding_sweep.figures import require
     from pounding_sweep.output.select import select
-    from pounding_sweep.outputs.variables import INNER_DIMS
+    from pounding_sweep.variables.registry import INNER_DIMS
 
     chosen = select(dataset, values, INNER_DIMS)
     drawn = next((item for item in COMPARISONS.values() if item.figure == kind and item.whole), None)
@@ -215,7 +215,7 @@ def export_command(
     from pounding_sweep.output.export import export_tables
     from pounding_sweep.output.netcdf import open_cube
     from pounding_sweep.output.select import select
-    from pounding_sweep.outputs.variables import INNER_DIMS
+    from pounding_sweep.variables.registry import INNER_DIMS
 
     fragility = out.suffix.lower() == ".xml"
     of_cube = not fragility and pelicun is None

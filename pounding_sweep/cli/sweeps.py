@@ -43,7 +43,7 @@ def init_command(
 ) -> None:
     """Write a commented sweep file to begin with, or list the examples."""
     from pounding_sweep.output.netcdf import check_output
-    from pounding_sweep.spec.toml import example_files, example_title, examples
+    from pounding_sweep.request.toml import example_files, example_title, examples
 
     if only_list:
         titles = {name: example_title(name) for name in examples()}
@@ -112,7 +112,7 @@ def run_command(
 def _report(sweep: Sweep, out: Path) -> dict[str, Any]:
     """Return what a run did, for JSON."""
     from pounding_sweep.output.describe import summarize
-    from pounding_sweep.outputs.variables import VALID
+    from pounding_sweep.variables.registry import VALID
 
     outcome, asked, summary = sweep.last_outcome, sweep.spec.n_scenarios, summarize(out)
     assert outcome is not None
@@ -177,7 +177,7 @@ def plan_command(options: SweepOptions, as_json: AsJson = False) -> None:
 def _description(sweep: Sweep) -> dict[str, Any]:
     """Describe the row, records and laws of a sweep."""
     from pounding_sweep.records.catalogue import describe_files
-    from pounding_sweep.spec.spec import overview
+    from pounding_sweep.request.spec import overview
 
     spec = sweep.spec
     return {

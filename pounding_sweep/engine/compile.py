@@ -36,7 +36,15 @@ _LOCK = RLock()
 _COMPILED: dict[KernelSpec, Any] = {}
 
 #: What decides the code of a kernel beside what it is compiled for: folders and files of the package.
-SOURCES = ("kernel", "schemes", "outputs", "engine/kernel.py", "model/formula.py", "model/laws.py", "model/rebound.py")
+SOURCES = (
+    "kernel",
+    "schemes",
+    "variables",
+    "engine/kernel.py",
+    "model/formula.py",
+    "model/laws.py",
+    "model/rebound.py",
+)
 #: A kernel's module: one signature, compiled when loaded. What traces the body is loaded only then.
 MODULE = '''"""A pounding_sweep kernel, written by the package. Editing it has no effect on the package."""
 

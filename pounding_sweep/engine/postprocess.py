@@ -16,8 +16,8 @@ import numpy as np
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
-from pounding_sweep.outputs.variables import VARIABLES, KernelResults, Status, cube_variables
 from pounding_sweep.records import Record
+from pounding_sweep.variables.registry import VARIABLES, KernelResults, Status, cube_variables
 
 #: Largest phase error of a building's fundamental motion (rad).
 MAX_PHASE_ERROR = 0.01

@@ -29,10 +29,10 @@ from pounding_sweep.kernel.spec import (
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import Building, Scene, column_shares
 from pounding_sweep.model.variants import Variants, coupled_modes, variants_of
-from pounding_sweep.outputs.variables import REDUCERS, output_slots
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES, Scheme
 from pounding_sweep.schemes.stability import longest_substep
+from pounding_sweep.variables.registry import REDUCERS, output_slots
 
 #: Largest product of an exact flight step and a modal frequency, of a building's first mode, its second and all
 #: others: peaks are those of a septic between the ends, which errs by (w h)**8 / `SEPTIC` of what a mode adds.

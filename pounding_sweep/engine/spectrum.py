@@ -24,9 +24,9 @@ from pounding_sweep.base.errors import RecordError
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.outputs.variables import reducers_for
 from pounding_sweep.records import Record
 from pounding_sweep.records.record import number
+from pounding_sweep.variables.registry import reducers_for
 
 #: Least number of steps per period.
 STEPS_PER_PERIOD = 32

@@ -152,7 +152,7 @@ def figure_of(key: str, source: str, needs: str) -> Callable[[Callable[..., Figu
 
 def _why_nothing(dataset: xr.Dataset) -> str:
     """Return why a dataset has no values: how its scenarios ended."""
-    from pounding_sweep.outputs.variables import Status
+    from pounding_sweep.variables.registry import Status
 
     codes = dataset["status"].values.ravel().tolist() if "status" in dataset.data_vars else []
     failed = [status for status in Status if status != Status.OK and status in codes]
@@ -162,7 +162,7 @@ def _why_nothing(dataset: xr.Dataset) -> str:
 
 def _with_inner_dims(dataset: xr.Dataset) -> xr.Dataset:
     """Return a cube whose variables have the dimensions again of a building, pair or storey that was selected."""
-    from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
+    from pounding_sweep.variables.registry import INNER_DIMS, VARIABLES
 
     for dim in INNER_DIMS:
         names = [name for name in dataset.data_vars if name in VARIABLES and dim in VARIABLES[name].dims]

@@ -15,9 +15,9 @@ from pounding_sweep.analysis.scenarios import COMPARISON, TOUCH_VARIABLES, long_
 from pounding_sweep.base.errors import InputError, check_choice, unknown
 from pounding_sweep.figures.style import join_nonempty, unit_text
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
 from pounding_sweep.records import KNOWN_RECORDS
-from pounding_sweep.spec.axes import AXES, DIMENSIONS
+from pounding_sweep.request.axes import AXES, DIMENSIONS
+from pounding_sweep.variables.registry import INNER_DIMS, VARIABLES
 
 #: Lines in a panel at most.
 _LINES_SHOWN = 5

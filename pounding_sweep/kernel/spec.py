@@ -157,7 +157,7 @@ class KernelSpec:
     implicit: bool  # contact forces are found together with the step that they act on
     by_series: bool  # steps are series, where forces are polynomials of the motion
     located: bool  # touches, releases and peaks are located inside the step
-    reducers: frozenset[str]  # names of what is kept (see `pounding_sweep.outputs`)
+    reducers: frozenset[str]  # names of what is kept (see `pounding_sweep.variables`)
     history: bool = False  # lane 0 leaves its state after every step
     precision: str = "float64"  # number format of the state and of all arithmetic
     varied: bool = False  # building properties differ from lane to lane: they are inputs, not constants

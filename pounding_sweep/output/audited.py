@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.output.dataset import Coordinates, CubeParts
-from pounding_sweep.outputs.variables import Status
+from pounding_sweep.variables.registry import Status
 
 #: Dimensions of an audit; no scenario axes.
 AUDIT_DIMS = ("audit", "output")

@@ -23,9 +23,9 @@ from pounding_sweep.output.audited import AUDIT_DIMS, audit_table, errors_by_law
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
 from pounding_sweep.output.identity import LIBRARIES, ORIGINS, plain, sources
 from pounding_sweep.output.netcdf import ENCODING, NETCDF_LOCK, SLAB_BYTES, slabs
-from pounding_sweep.outputs.variables import INNER_DIMS, INTEGER_FILL, OUTPUT_NAMES, STATUS, VALID, Status
-from pounding_sweep.spec.axes import AXES
-from pounding_sweep.spec.spec import overview_of
+from pounding_sweep.request.axes import AXES
+from pounding_sweep.request.spec import overview_of
+from pounding_sweep.variables.registry import INNER_DIMS, INTEGER_FILL, OUTPUT_NAMES, STATUS, VALID, Status
 
 if TYPE_CHECKING:
     import netCDF4
@@ -89,7 +89,7 @@ def about(dataset: xr.Dataset) -> dict[str, Any]:
         ``scenarios``: how many there are; ``statuses``: scenarios by name of their status; ``not_ok``: each status
         but ok, ``where`` its scenarios are and their number ``by_value`` of each axis;
         ``audit``: rows of `pounding_sweep.output.audited.audit_table`;
-        ``row``: names and descriptions of `pounding_sweep.spec.spec.overview`.
+        ``row``: names and descriptions of `pounding_sweep.request.spec.overview`.
         Numbers that are not finite are None.
 
     Examples

@@ -29,10 +29,10 @@ from pounding_sweep.output.identity import plain
 from pounding_sweep.output.netcdf import BLOCK_BYTES, block_shape, check_output, slabs, unreadable, with_texts
 from pounding_sweep.output.scenario_rows import cube_columns, places_of, scenario_keys
 from pounding_sweep.output.select import select
-from pounding_sweep.outputs.variables import INNER_DIMS, ORIGINS, OUTPUT_NAMES, STATUS, VARIABLES, Status
 from pounding_sweep.records.record import RecordMeasures
-from pounding_sweep.spec.axes import plain_name
-from pounding_sweep.spec.spec import scene_of
+from pounding_sweep.request.axes import plain_name
+from pounding_sweep.request.spec import scene_of
+from pounding_sweep.variables.registry import INNER_DIMS, ORIGINS, OUTPUT_NAMES, STATUS, VARIABLES, Status
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -17,7 +17,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import InputError, repr_short
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, VERSION_ATTRIBUTE, package_version
-from pounding_sweep.spec.axes import AXES, FACTOR_KINDS, axes_of
+from pounding_sweep.request.axes import AXES, FACTOR_KINDS, axes_of
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -25,12 +25,12 @@ from pounding_sweep.output.dataset import (
 )
 from pounding_sweep.output.identity import library_versions, package_digest
 from pounding_sweep.output.scenario_rows import BUILDING_DEFAULTS
-from pounding_sweep.outputs.variables import scatter_dof
 from pounding_sweep.plan.scenarios import requested_scenarios
 from pounding_sweep.records.record import record_measures
-from pounding_sweep.spec.axes import AXES, PropertyAxis, plain_name
-from pounding_sweep.spec.design import BLOCK, SAMPLE
-from pounding_sweep.spec.spec import SweepSpec, to_json
+from pounding_sweep.request.axes import AXES, PropertyAxis, plain_name
+from pounding_sweep.request.design import BLOCK, SAMPLE
+from pounding_sweep.request.spec import SweepSpec, to_json
+from pounding_sweep.variables.registry import scatter_dof
 
 if TYPE_CHECKING:
     from pounding_sweep.output.results import Outcome

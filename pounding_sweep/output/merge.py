@@ -33,8 +33,8 @@ from pounding_sweep.output.dataset import (
 )
 from pounding_sweep.output.netcdf import Slab, check_output, check_space, open_cube, reading, write_in_slabs
 from pounding_sweep.output.scenario_rows import BUILDING_DEFAULTS, cube_columns, number_runs, scenario_keys
-from pounding_sweep.outputs.variables import INNER_DIMS, NEVER_TOUCHES, NOT_RUN, VARIABLES, Status
-from pounding_sweep.spec.design import BLOCK, SAMPLE
+from pounding_sweep.request.design import BLOCK, SAMPLE
+from pounding_sweep.variables.registry import INNER_DIMS, NEVER_TOUCHES, NOT_RUN, VARIABLES, Status
 
 #: Cubes by the name of their file.
 Parts = Mapping[str, "xr.Dataset"]

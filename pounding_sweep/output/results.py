@@ -14,7 +14,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import OutputError, WriteError
 from pounding_sweep.model.scene import Scene
-from pounding_sweep.outputs.variables import Status, get_variable, inner_shape
+from pounding_sweep.variables.registry import Status, get_variable, inner_shape
 
 #: Outputs whose largest values plausibility checks look at after a run.
 LARGEST = ("drift_max", "penetration_max")

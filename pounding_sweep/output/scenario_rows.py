@@ -12,9 +12,9 @@ import numpy as np
 from pounding_sweep.model.laws import LAWS, Law
 from pounding_sweep.output.dataset import as_stored
 from pounding_sweep.output.netcdf import reading
-from pounding_sweep.outputs.variables import COPY, NOT_RUN, VARIABLES
-from pounding_sweep.spec.axes import axes_of
-from pounding_sweep.spec.spec import scene_of
+from pounding_sweep.request.axes import axes_of
+from pounding_sweep.request.spec import scene_of
+from pounding_sweep.variables.registry import COPY, NOT_RUN, VARIABLES
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -17,7 +17,6 @@ from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.files import replacing
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.dataset import package_version
-from pounding_sweep.outputs.variables import STATUS
 from pounding_sweep.paper.compare import (
     CLOSE,
     LIMITS,
@@ -42,6 +41,7 @@ from pounding_sweep.paper.study import (
     largest_steps,
     record_title,
 )
+from pounding_sweep.variables.registry import STATUS
 
 _SOURCES = {"sap2000": "paper, SAP2000", "matlab": "paper, MATLAB", "paper": "paper"}
 _SOURCES |= {key: reading.label for key, reading in READINGS.items()}

@@ -23,13 +23,13 @@ from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import InputError, MissingRecordError
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, get_law
 from pounding_sweep.model.presets import PRESETS
-from pounding_sweep.outputs.variables import WITH_VALUES, Status, get_variable, relative_errors
 from pounding_sweep.records import Record, find_record, records_dataset
 from pounding_sweep.records.catalogue import Folders
+from pounding_sweep.request.spec import AUDIT_SHARE, json_data
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.simulate import simulate
 from pounding_sweep.run.sweep import Sweep
-from pounding_sweep.spec.spec import AUDIT_SHARE, json_data
+from pounding_sweep.variables.registry import WITH_VALUES, Status, get_variable, relative_errors
 
 _FOLDER = files("pounding_sweep") / "data" / "mate2015"
 #: Ground motions, tables, readings, limits, conclusions and findings; see the file.
@@ -335,7 +335,7 @@ def _paper_slice(cube: xr.Dataset) -> xr.Dataset:
 
 
 def _error(reading: Reading, cube: xr.Dataset, records: Sequence[Record], progress: Progress) -> xr.Dataset:
-    """Relative difference of a cube to a run at half the step; see `pounding_sweep.outputs.variables`."""
+    """Relative difference of a cube to a run at half the step; see `pounding_sweep.variables.registry`."""
     half = sweep_of(reading, records, step=0.5 * STEP, audit=0.0).run(progress=progress)
     runs = [_paper_slice(one).sel(record=[record.name for record in records]) for one in (cube, half)]
     runs = [run.stack(case=("law", "record")).transpose("case", ...) for run in runs]

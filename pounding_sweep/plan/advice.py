@@ -24,12 +24,12 @@ from pounding_sweep.engine.row_kernel import Numerics, RowKernel, flight_refinem
 from pounding_sweep.model.laws import LAWS, RESTING_SPEED, Law
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants, variants_of
-from pounding_sweep.outputs.variables import CLASSES, check_outputs, reducers_for
 from pounding_sweep.plan.scenarios import Scenarios, stable_steps
 from pounding_sweep.records import Record
+from pounding_sweep.request.spec import PRECISIONS, SweepSpec, seconds_of_rest, step_fault
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.spec import PRECISIONS, SweepSpec, seconds_of_rest, step_fault
+from pounding_sweep.variables.registry import CLASSES, check_outputs, reducers_for
 
 #: Variants whose motions are estimated at a time, and points of a record times variants.
 _BLOCK = 4096

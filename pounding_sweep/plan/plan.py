@@ -21,14 +21,6 @@ from pounding_sweep.engine.row_kernel import REST_PERIODS, SMALL_MOTION, Numeric
 from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.outputs.variables import (
-    Status,
-    check_outputs,
-    cube_variables,
-    get_variable,
-    inner_shape,
-    reducers_for,
-)
 from pounding_sweep.plan.scenarios import (
     Chunk,
     Scenarios,
@@ -38,13 +30,21 @@ from pounding_sweep.plan.scenarios import (
     uncoupled_runs_of,
     unique_scenarios,
 )
-from pounding_sweep.spec.spec import (
+from pounding_sweep.request.spec import (
     DEFAULT_ACCURACY,
     SweepSpec,
     digest,
     seconds_of_rest,
     with_accuracy,
     with_default_scheme,
+)
+from pounding_sweep.variables.registry import (
+    Status,
+    check_outputs,
+    cube_variables,
+    get_variable,
+    inner_shape,
+    reducers_for,
 )
 
 #: Storeys of a building up to which it may be taken for a chain of storeys unasked.

@@ -22,8 +22,8 @@ from pounding_sweep.model.scene import Building
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.plan.scenarios import requested_scenarios
 from pounding_sweep.records import UNITS, Record, record_measures
-from pounding_sweep.spec.axes import AXES
-from pounding_sweep.spec.spec import SweepSpec
+from pounding_sweep.request.axes import AXES
+from pounding_sweep.request.spec import SweepSpec
 
 #: Factors that turn g, m/s2 or cm/s2 into another unit, which records as they are read do not need.
 UNIT_FACTORS = (9.81, 9.80665, 981.0, 980.665, 386.4, 386.09, 32.2, 32.174, 0.102, 0.0102, 0.00102)

@@ -14,10 +14,10 @@ from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.variants import Variants, variants_of
-from pounding_sweep.outputs.variables import CHANGE
 from pounding_sweep.records import Record
+from pounding_sweep.request.spec import SweepSpec, case_variants, scene_variants
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.spec import SweepSpec, case_variants, scene_variants
+from pounding_sweep.variables.registry import CHANGE
 
 #: Rows of a law that are worked out at once.
 BLOCK = 2**15

@@ -22,12 +22,12 @@ from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.audited import add_audit
 from pounding_sweep.output.dataset import Coordinates, CubeParts, unit_attributes
 from pounding_sweep.output.labels import listed_coordinates
-from pounding_sweep.outputs.variables import VARIABLES, WITH_VALUES, Status, relative_errors
 from pounding_sweep.plan.plan import CHUNK_BYTES
 from pounding_sweep.plan.scenarios import Chunk, ChunkTask, cut, row_codes
 from pounding_sweep.run.execute import Dispatcher
 from pounding_sweep.run.refinement import MOST_HALVINGS, halved
 from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.variables.registry import VARIABLES, WITH_VALUES, Status, relative_errors
 
 if TYPE_CHECKING:
     from pounding_sweep.output.results import Outcome

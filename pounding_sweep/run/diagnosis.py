@@ -33,7 +33,7 @@ def diagnose() -> dict[str, Any]:
     from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
     from pounding_sweep.model.laws import LAWS
     from pounding_sweep.model.presets import get_preset
-    from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES, reducers_for
+    from pounding_sweep.variables.registry import DEFAULT_OUTPUTS, VARIABLES, reducers_for
 
     versions, memory, cpu = installed_versions(), free_memory(), processor()
     optional = {name: extra for name, extra in _required().items() if extra}

@@ -26,11 +26,11 @@ from pounding_sweep.base.errors import InputError, RunError, unknown
 from pounding_sweep.engine.compile import missing_kernels, prepare
 from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.output.results import Outcome, Results, to_table
-from pounding_sweep.outputs.variables import VALID, Status, cube_variables, inner_shape
 from pounding_sweep.plan.plan import Plan, untouched
 from pounding_sweep.plan.scenarios import Chunk, ChunkTask
 from pounding_sweep.resume import ChunkCorrupt, ChunkStore
 from pounding_sweep.run.refinement import run_scenarios
+from pounding_sweep.variables.registry import VALID, Status, cube_variables, inner_shape
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -9,8 +9,8 @@ import numpy as np
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import history_slots
 from pounding_sweep.model.variants import variants_of
-from pounding_sweep.outputs.variables import DIMS, scatter
 from pounding_sweep.records import Record
+from pounding_sweep.variables.registry import DIMS, scatter
 
 if TYPE_CHECKING:
     import xarray as xr

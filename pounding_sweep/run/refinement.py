@@ -18,7 +18,11 @@ import numpy as np
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import history_slots
-from pounding_sweep.outputs.variables import (
+from pounding_sweep.plan.advice import ORDERLY, rounding
+from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, changed
+from pounding_sweep.records import Record
+from pounding_sweep.request.spec import step_fault
+from pounding_sweep.variables.registry import (
     AT_REST,
     CHANGE,
     OUTPUT_NAMES,
@@ -28,10 +32,6 @@ from pounding_sweep.outputs.variables import (
     comparable,
     relative_errors,
 )
-from pounding_sweep.plan.advice import ORDERLY, rounding
-from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, changed
-from pounding_sweep.records import Record
-from pounding_sweep.spec.spec import step_fault
 
 #: Halvings of a step after which single precision, and after which a scenario is given up, the first included.
 SINGLE_HALVINGS, MOST_HALVINGS = 1, 6

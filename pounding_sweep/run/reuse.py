@@ -32,10 +32,10 @@ from pounding_sweep.output.scenario_rows import (
     scenario_keys,
     varies_buildings,
 )
-from pounding_sweep.outputs.variables import Status, cube_variables
 from pounding_sweep.plan.plan import Plan
 from pounding_sweep.plan.scenarios import Chunk, chunk_key
-from pounding_sweep.spec.spec import to_json
+from pounding_sweep.request.spec import to_json
+from pounding_sweep.variables.registry import Status, cube_variables
 
 #: Scenarios whose keys are worked out at once.
 KEY_BLOCK = 2**18

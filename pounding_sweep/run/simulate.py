@@ -16,16 +16,16 @@ from pounding_sweep.model.laws import LAWS, Law, find_law, realised_restitution
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.output.dataset import Coordinates, assemble
-from pounding_sweep.outputs.variables import VARIABLES, Status
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.plan.scenarios import ChunkTask
 from pounding_sweep.records import Record, resolve_record
+from pounding_sweep.request.axes import AXES, COLUMNS, DIMENSIONS, FACTOR_KINDS, Case, contact_stiffness, plain_name
+from pounding_sweep.request.build import build_spec
+from pounding_sweep.request.spec import DEFAULT_STEP, SweepSpec, case_variants, json_data
 from pounding_sweep.run.histories import histories, instants_in_contact, peaks_shown
 from pounding_sweep.run.refinement import STATES, ended, run_scenarios
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.axes import AXES, COLUMNS, DIMENSIONS, FACTOR_KINDS, Case, contact_stiffness, plain_name
-from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import DEFAULT_STEP, SweepSpec, case_variants, json_data
+from pounding_sweep.variables.registry import VARIABLES, Status
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -72,7 +72,7 @@ def simulate(
     restitution : float, optional
         Coefficient of restitution; the scene's where not given.
     method, dt, locate, rest, beta, gamma, force_unstable, restitution_basis, precision, accuracy
-        As of `pounding_sweep.spec.build.build_spec`: by default an accuracy of 1e-3, by the cheapest scheme that
+        As of `pounding_sweep.request.build.build_spec`: by default an accuracy of 1e-3, by the cheapest scheme that
         reaches it; in "float64".
     initial_velocity : sequence, optional
         Velocity (m/s) of the floors relative to the ground at the start: one sequence (or number for all floors) per
@@ -273,7 +273,7 @@ def simulate_one(
 
     Examples
     --------
-    >>> from pounding_sweep.spec.build import build_spec
+    >>> from pounding_sweep.request.build import build_spec
     >>> spec = build_spec(scene="mate2015", records="el_centro", laws=["none", "linear"], gaps=[0.005, 0.01])
     >>> simulate_one(spec, gap=0.01).attrs["law"]
     'linear'

@@ -16,8 +16,8 @@ from pounding_sweep.base.errors import RecordError, RunError, SweepError, Unlike
 from pounding_sweep.base.files import FilePath, failure, replacing
 from pounding_sweep.base.text import counts_text, html_table
 from pounding_sweep.records import find_record
-from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import DEFAULT_ACCURACY, SweepSpec
+from pounding_sweep.request.build import build_spec
+from pounding_sweep.request.spec import DEFAULT_ACCURACY, SweepSpec
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 class Sweep:
     """A parametric sweep of one row of buildings.
 
-    Every combination of the axes is one scenario; see `pounding_sweep.spec.build.build_spec`
+    Every combination of the axes is one scenario; see `pounding_sweep.request.build.build_spec`
     for all arguments and their units (kN, t, m, s).
 
     Parameters
@@ -157,7 +157,7 @@ class Sweep:
         True
         """
         from pounding_sweep.output.netcdf import check_output
-        from pounding_sweep.spec.toml import load_spec, to_toml
+        from pounding_sweep.request.toml import load_spec, to_toml
 
         target, records, texts = check_output(path, overwrite, netcdf=False), list[Any](), dict[Path, str]()
         for number, record in enumerate(self.spec.records, 1):
@@ -259,7 +259,6 @@ class Sweep:
     ) -> CubeParts:
         """Run the sweep as `run` does, xarray not loaded; the cube has no values if these are in the file."""
         from pounding_sweep.output.netcdf import check_output, check_space
-        from pounding_sweep.outputs.variables import Status
         from pounding_sweep.plan.sanity import doubts_of
         from pounding_sweep.resume import ChunkStore, identity_of, parts_folder
         from pounding_sweep.run.audit import audit
@@ -268,6 +267,7 @@ class Sweep:
         from pounding_sweep.run.execute import Dispatcher, Progress, check_scheduler, execute
         from pounding_sweep.run.log import run_log
         from pounding_sweep.run.reuse import EarlierCube
+        from pounding_sweep.variables.registry import Status
 
         n_workers = check_scheduler(scheduler, workers)
         target = None if out is None else check_output(out, overwrite)
@@ -355,6 +355,6 @@ def load_sweep(
     >>> load_sweep("sweeps/quickstart.toml").spec.n_scenarios  # in a clone
     1008
     """
-    from pounding_sweep.spec.toml import load_spec
+    from pounding_sweep.request.toml import load_spec
 
     return Sweep.from_spec(load_spec(path, skip_missing_records=skip_missing_records, folders=folders, laws=laws))

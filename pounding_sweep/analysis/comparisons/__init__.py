@@ -267,7 +267,7 @@ def check_needs(
 def compared(cube: xr.Dataset, comparison: Comparison, at: Mapping[str, Any], **arguments: Any) -> xr.Dataset:
     """Return a comparison of those values of axes; parts of the row of its result where it is of the row as a whole."""
     from pounding_sweep.output.select import select
-    from pounding_sweep.outputs.variables import INNER_DIMS
+    from pounding_sweep.variables.registry import INNER_DIMS
 
     late = {axis: value for axis, value in at.items() if comparison.whole and axis in INNER_DIMS}
     early = {axis: value for axis, value in at.items() if axis not in late}

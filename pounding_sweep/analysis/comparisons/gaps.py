@@ -35,8 +35,8 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.files import FilePath
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.records import Record
-from pounding_sweep.spec.axes import DIMENSIONS
-from pounding_sweep.spec.spec import scene_of
+from pounding_sweep.request.axes import DIMENSIONS
+from pounding_sweep.request.spec import scene_of
 
 #: What is said of every clause of a standard.
 FROM_MEMORY = "stated from memory of the standard; the standard was not consulted"

@@ -35,9 +35,9 @@ from pounding_sweep.analysis.scenarios import (
 )
 from pounding_sweep.base.errors import InputError, check_choice
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.outputs.variables import STATUS, VALID, VARIABLES
-from pounding_sweep.spec.axes import DIMENSIONS
-from pounding_sweep.spec.spec import scene_of
+from pounding_sweep.request.axes import DIMENSIONS
+from pounding_sweep.request.spec import scene_of
+from pounding_sweep.variables.registry import STATUS, VALID, VARIABLES
 
 # -- with pounding and without ----------------------------------------------------------------------------------------
 

@@ -24,8 +24,8 @@ from pounding_sweep.analysis.scenarios import (
     values,
 )
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
-from pounding_sweep.spec.design import Design, design_of
+from pounding_sweep.request.design import Design, design_of
+from pounding_sweep.variables.registry import INNER_DIMS, VARIABLES
 
 #: Outputs that say how a scenario was run, or are missing where nothing touches: given where they are asked for only.
 _ASIDE = {"time_step", "error_estimate", "energy_residual", "first_impact_time", "collapse_time"}

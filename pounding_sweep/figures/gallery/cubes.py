@@ -77,7 +77,7 @@ from pounding_sweep.figures.style import (
     subplots,
     unit_text,
 )
-from pounding_sweep.outputs.variables import Status, get_variable
+from pounding_sweep.variables.registry import Status, get_variable
 
 _FORCES = ("impact_force_max", "impact_count")
 #: Amplifications, the first three of which that are there are drawn.

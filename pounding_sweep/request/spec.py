@@ -1,6 +1,6 @@
 """What a sweep is: the validated description that everything else starts from.
 
-`pounding_sweep.spec.build.build_spec` makes it of what a user gave.
+`pounding_sweep.request.build.build_spec` makes it of what a user gave.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.model.scene import Building, Contacts, Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.records import STANDARD_GRAVITY, Record
+from pounding_sweep.request.axes import FACTOR_KINDS, Axis, AxisValues, Case
+from pounding_sweep.request.design import Design, Distribution
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.axes import FACTOR_KINDS, Axis, AxisValues, Case
-from pounding_sweep.spec.design import Design, Distribution
 
 #: Time-stepping schemes by name.
 METHODS = tuple(SCHEMES)

@@ -25,7 +25,7 @@ from pydantic import (
 from pounding_sweep.base.errors import InputError, SceneError, repr_short, unknown
 from pounding_sweep.model.faults import Number, Table, key, number, one_of
 from pounding_sweep.model.laws import Law
-from pounding_sweep.spec.axes import AXES, FACTOR_KINDS, AxisValues, Case, plain_name
+from pounding_sweep.request.axes import AXES, FACTOR_KINDS, AxisValues, Case, plain_name
 
 #: What has values: an argument of `build_spec`, and the building if it is one by building.
 Target = tuple[str, str | None]

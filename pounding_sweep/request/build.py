@@ -63,10 +63,19 @@ from pounding_sweep.records import (
     synthetic_record,
 )
 from pounding_sweep.records.catalogue import Folders, read_files
-from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, MAX_AXIS, Axis, AxisValues, Case, Range, by_exponent
-from pounding_sweep.spec.design import RECORD, Design, DesignTable, Target, named_inputs, product_cases
-from pounding_sweep.spec.spec import (
+from pounding_sweep.request.axes import (
+    AXES,
+    COLUMNS,
+    FACTOR_KINDS,
+    MAX_AXIS,
+    Axis,
+    AxisValues,
+    Case,
+    Range,
+    by_exponent,
+)
+from pounding_sweep.request.design import RECORD, Design, DesignTable, Target, named_inputs, product_cases
+from pounding_sweep.request.spec import (
     ACCURACY_RANGE,
     AUDIT_SHARE,
     DEFAULT_STEP,
@@ -79,6 +88,7 @@ from pounding_sweep.spec.spec import (
     step_fault,
     sweep_error,
 )
+from pounding_sweep.schemes import SCHEMES
 
 #: After so many faults in a list the rest of it is not looked at.
 _MOST_FAULTS = 20
@@ -549,7 +559,7 @@ class _Reader:
     # --- settings ---
 
     def _outputs(self, value: Any) -> tuple[str, ...]:
-        from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES, check_outputs, get_variable
+        from pounding_sweep.variables.registry import DEFAULT_OUTPUTS, VARIABLES, check_outputs, get_variable
 
         if value is None or (isinstance(value, str) and value == "default"):
             return DEFAULT_OUTPUTS
@@ -751,8 +761,8 @@ def build_spec(**arguments: Any) -> SweepSpec:
         Listed scenarios instead of laws and axes.
     design : dict, optional
         Inputs drawn from distributions, instead of axes over them: ``kind`` and ``samples``, ``seed`` (0 by default)
-        and ``inputs``, a table by the name of an axis (see `pounding_sweep.spec.design`). Each point is run with each
-        law, each record and each value of the other axes.
+        and ``inputs``, a table by the name of an axis (see `pounding_sweep.request.design`). Each point is run with
+        each law, each record and each value of the other axes.
     method : str, optional
         Time-stepping scheme, one of `pounding_sweep.schemes.SCHEMES`; by default the cheapest that reaches `accuracy`,
         at a step `dt` "exact" where the row allows it, else "rk4".

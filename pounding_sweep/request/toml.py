@@ -20,10 +20,10 @@ from pounding_sweep.model.faults import Faults, spell, unknown_key
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import ContactProperties, Scene
 from pounding_sweep.records.catalogue import Folders
-from pounding_sweep.spec.axes import AXES
-from pounding_sweep.spec.build import read_sweep
-from pounding_sweep.spec.design import DesignTable
-from pounding_sweep.spec.spec import SweepSpec, json_data, sweep_error
+from pounding_sweep.request.axes import AXES
+from pounding_sweep.request.build import read_sweep
+from pounding_sweep.request.design import DesignTable
+from pounding_sweep.request.spec import SweepSpec, json_data, sweep_error
 
 _PACKAGE = Path(__file__).parents[1]
 #: Where the examples are: in an installed package, and beside the package in a clone.
