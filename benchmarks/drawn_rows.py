@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.calibrate import OUTPUTS, closing
+from pounding_sweep.model.building import BoucWen, Building, Foundation
 from pounding_sweep.model.laws import Law, get_law
-from pounding_sweep.model.scene import BoucWen, Building, Bumper, Foundation, Link, Scene, Wall
+from pounding_sweep.model.scene import Bumper, Link, Scene, Wall
 from pounding_sweep.records import Record, read_record, resolve_record, synthetic_record
 from pounding_sweep.request.axes import Case
 from pounding_sweep.request.build import build_spec

@@ -8,10 +8,11 @@ from typing import Any
 
 from numpydoc.docscrape import NumpyDocString
 
+from pounding_sweep.model.building import BoucWen, Building, Foundation
 from pounding_sweep.model.faults import Table
 from pounding_sweep.model.laws import hertz_stiffness
 from pounding_sweep.model.presets import base_isolated
-from pounding_sweep.model.scene import BoucWen, Building, Bumper, ContactProperties, Foundation, Link, Scene, Wall
+from pounding_sweep.model.scene import Bumper, ContactProperties, Link, Scene, Wall
 from pounding_sweep.records import near_fault_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.request import build
 from pounding_sweep.request.axes import AXES, FACTOR_KINDS, Case, Range

@@ -16,9 +16,10 @@ _HOME = {
     for module, names in {
         "accuracy.tradeoff": "tradeoff",
         "base.errors": "PoundingSweepError",
+        "model.building": "BoucWen Building Foundation",
         "model.laws": "LAWS Law get_law hertz_stiffness rubber_bumper",
         "model.presets": "base_isolated get_preset",
-        "model.scene": "BoucWen Building Bumper ContactProperties Foundation Link Scene Wall",
+        "model.scene": "Bumper ContactProperties Link Scene Wall",
         "output.netcdf": "open_cube",
         "records": "Record find_record list_records near_fault_record pulse_record read_record synthetic_record",
         "run.simulate": "simulate",
@@ -36,9 +37,10 @@ if TYPE_CHECKING:
     from pounding_sweep import analysis, figures
     from pounding_sweep.accuracy.tradeoff import tradeoff
     from pounding_sweep.base.errors import PoundingSweepError
+    from pounding_sweep.model.building import BoucWen, Building, Foundation
     from pounding_sweep.model.laws import LAWS, Law, get_law, hertz_stiffness, rubber_bumper
     from pounding_sweep.model.presets import base_isolated, get_preset
-    from pounding_sweep.model.scene import BoucWen, Building, Bumper, ContactProperties, Foundation, Link, Scene, Wall
+    from pounding_sweep.model.scene import Bumper, ContactProperties, Link, Scene, Wall
     from pounding_sweep.output.netcdf import open_cube
     from pounding_sweep.records import (
         Record,

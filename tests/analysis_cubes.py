@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scenes import CubeAxis, assemble
 
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import get_law, realised_restitution
-from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.model.scene import Scene, Wall
 from pounding_sweep.request.build import build_spec
 from pounding_sweep.request.spec import to_json
 from pounding_sweep.variables.registry import VARIABLES, inner_shape, scatter_contact, scatter_dof

@@ -22,8 +22,9 @@ from unittest import mock
 import numpy as np
 
 from pounding_sweep.base.errors import SweepError
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.model.scene import ContactProperties, Scene, Wall
 from pounding_sweep.records import Record
 from pounding_sweep.request import build
 from pounding_sweep.request.axes import Case, Range

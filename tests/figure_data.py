@@ -16,7 +16,8 @@ from scenes import CubeAxis, assemble
 
 from pounding_sweep.accuracy.tradeoff import KIND, KIND_ATTRIBUTE
 from pounding_sweep.analysis import response_spectrum
-from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.model.building import Building
+from pounding_sweep.model.scene import ContactProperties, Scene, Wall
 from pounding_sweep.output.labels import design_coordinates
 from pounding_sweep.records import pulse_record, records_dataset
 from pounding_sweep.request.build import build_spec

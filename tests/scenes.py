@@ -10,7 +10,8 @@ import numpy as np
 from typer.testing import CliRunner
 
 from pounding_sweep.cli.app import app
-from pounding_sweep.model.scene import Building, ContactProperties, Scene
+from pounding_sweep.model.building import Building
+from pounding_sweep.model.scene import ContactProperties, Scene
 from pounding_sweep.output import dataset
 from pounding_sweep.records import Record
 from pounding_sweep.request.spec import case_variants

@@ -16,8 +16,9 @@ from scenes import OUTPUTS, pair, row
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import LAWS, Law, get_law
-from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.model.scene import Scene, Wall
 from pounding_sweep.plan import advice
 from pounding_sweep.plan.advice import CLASSES, Curve, Measured, classes_of, load_measured, shortest_contact
 from pounding_sweep.plan.plan import make_plan

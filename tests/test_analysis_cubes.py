@@ -15,8 +15,9 @@ import pounding_sweep.analysis as analysis
 import pounding_sweep.figures as figures
 from pounding_sweep import Record, Sweep
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import get_law, realised_restitution
-from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.variables.registry import Status
 

@@ -28,7 +28,8 @@ from pounding_sweep.analysis.hazard import hazard_of
 from pounding_sweep.analysis.rebuild import intensity_of, records_of, stored_sweep
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import FIGURES
-from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.model.building import Building
+from pounding_sweep.model.scene import Scene, Wall
 from pounding_sweep.records import read_record_set, record_measures
 from pounding_sweep.variables.registry import Status
 

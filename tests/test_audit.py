@@ -16,8 +16,9 @@ from scenes import AXES, OUTPUTS, make, motions, row
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import get_law
-from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.output.audited import audit_table, errors_by_law, errors_sentence
 from pounding_sweep.output.describe import describe
 from pounding_sweep.plan.plan import make_plan

@@ -14,8 +14,8 @@ from scipy.integrate import solve_ivp
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.engine.row_kernel import Numerics
+from pounding_sweep.model.building import BoucWen
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.model.scene import BoucWen
 from pounding_sweep.variables.registry import VARIABLES, Status
 
 NOT_HERE = ("closing_max", "time_step", "error_estimate", "amplification")

@@ -12,7 +12,8 @@ from scenes import call
 from pounding_sweep.base import errors
 from pounding_sweep.base.errors import InputError, RecordError, SceneError, SweepError, repr_short, unknown
 from pounding_sweep.base.text import print_json, print_pairs, print_table
-from pounding_sweep.model.scene import Building, Wall
+from pounding_sweep.model.building import Building
+from pounding_sweep.model.scene import Wall
 from pounding_sweep.output.describe import describe
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.records import Record, find_record, list_records, read_record, resolve_records

@@ -27,8 +27,9 @@ from pounding_sweep.engine.compile import (
 )
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel import lanes
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import get_law
-from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.model.scene import Scene, Wall
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import newmark
 from pounding_sweep.variables.registry import Status

@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import InputError, SceneError
-from pounding_sweep.model.scene import column_shares, column_softness
+from pounding_sweep.model.meeting import column_shares, column_softness
 from pounding_sweep.model.variants import variants_of
 
 #: Contacts of the staggered row: label along ``pair``, storey of the floor that strikes, and its place in the twin.

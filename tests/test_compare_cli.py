@@ -15,7 +15,8 @@ from scenes import call
 from pounding_sweep import Record
 from pounding_sweep.analysis.comparisons import COMPARISONS, table_rows
 from pounding_sweep.analysis.rebuild import intensity_of
-from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.building import Building
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.variables.registry import Status
 

@@ -21,7 +21,8 @@ from scenes import CubeAxis, assemble
 
 from pounding_sweep.base import files
 from pounding_sweep.base.errors import InputError, OutputError
-from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.model.building import Building
+from pounding_sweep.model.scene import Scene, Wall
 from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE
 from pounding_sweep.output.describe import about, describe

@@ -17,8 +17,9 @@ from test_properties import some_variants
 import pounding_sweep as ps
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.modal_steps import step
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import get_law
-from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.model.scene import Scene, Wall
 from pounding_sweep.variables.registry import reducers_for
 
 

@@ -20,8 +20,9 @@ from pounding_sweep.cli.records import print_read, read_as
 from pounding_sweep.engine import compile
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import get_law
-from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.model.scene import ContactProperties, Scene, Wall
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.plan import plan as planning
 from pounding_sweep.plan.plan import make_plan, untouched

@@ -20,8 +20,9 @@ from pounding_sweep.engine import compile
 from pounding_sweep.engine.postprocess import displacement_limit, energy_limit, phase_error
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES, input_slots, property_slots
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import get_law
-from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.model.scene import ContactProperties, Scene, Wall
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.plan import plan as planning
 from pounding_sweep.plan.advice import approach_speeds, highest_frequency, shortest_contact

@@ -11,7 +11,7 @@ from kinds import TOWER_ABOVE, A, B
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SceneError
-from pounding_sweep.model.scene import BoucWen
+from pounding_sweep.model.building import BoucWen
 
 PAD = BUMPED.bumpers[0]
 #: What is made of the values of a test.

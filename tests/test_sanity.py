@@ -13,7 +13,8 @@ from scenes import call
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SceneError, SweepError, UnlikelyWarning
-from pounding_sweep.model.scene import Building, Bumper, ContactProperties, Scene, Wall
+from pounding_sweep.model.building import Building
+from pounding_sweep.model.scene import Bumper, ContactProperties, Scene, Wall
 from pounding_sweep.model.variants import variants_of
 from pounding_sweep.plan.sanity import doubts, doubts_of, record_doubts
 from pounding_sweep.request.axes import Case

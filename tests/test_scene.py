@@ -12,8 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pounding_sweep.base.errors import SceneError
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.presets import PRESETS, get_preset
-from pounding_sweep.model.scene import Building, Bumper, ContactProperties, Link, Scene, Wall
+from pounding_sweep.model.scene import Bumper, ContactProperties, Link, Scene, Wall
 from pounding_sweep.request.spec import json_data
 
 INF = float("inf")

@@ -14,8 +14,9 @@ from scipy.linalg import expm
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import property_slots
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import LAWS, get_law
-from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.model.scene import Scene, Wall
 from pounding_sweep.plan import advice
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes import SCHEMES

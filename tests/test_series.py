@@ -12,8 +12,9 @@ import pounding_sweep as ps
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.variables.registry import Status, reducers_for
 
 POLYNOMIAL = [

@@ -12,9 +12,10 @@ import pytest
 from bad_sweeps import GOOD
 
 from pounding_sweep.base.errors import SceneError, SweepError
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, get_law
 from pounding_sweep.model.presets import get_preset
-from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.model.scene import ContactProperties, Scene, Wall
 from pounding_sweep.records import Record, find_record, pulse_record, synthetic_record
 from pounding_sweep.request.axes import Case, Range
 from pounding_sweep.request.build import build_spec

@@ -10,8 +10,9 @@ import pytest
 
 from pounding_sweep.base.errors import SceneError
 from pounding_sweep.base.files import read_data
+from pounding_sweep.model.building import Building, Foundation
 from pounding_sweep.model.laws import Law
-from pounding_sweep.model.scene import Building, Bumper, ContactProperties, Foundation, Link, Scene
+from pounding_sweep.model.scene import Bumper, ContactProperties, Link, Scene
 from pounding_sweep.records import Record
 from pounding_sweep.request.build import Arguments
 from pounding_sweep.run.simulate import simulate

@@ -13,9 +13,10 @@ import xarray as xr
 
 from benchmarks.paper_found.fit import FARTHEST, FITTED, Numbers, Squares, likelihood, of_paper, squares
 from pounding_sweep.base.errors import UnlikelyWarning
+from pounding_sweep.model.building import Building, rayleigh_factors
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.presets import get_preset
-from pounding_sweep.model.scene import Building, Scene, rayleigh_factors
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.paper.study import BUILDINGS, GAP, READINGS, RESTITUTION
 from pounding_sweep.records import Record
 from pounding_sweep.run.sweep import Sweep

@@ -16,9 +16,10 @@ import xarray as xr
 
 from pounding_sweep.base.errors import InputError, LawError
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import LAWS, Law, damping_number, find_law, realised_restitution
 from pounding_sweep.model.rebound import RESTITUTION_BASES
-from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.plan.advice import elastic_duration
 from pounding_sweep.records import Record
 from pounding_sweep.run.execute import Dispatcher, Progress, check_scheduler

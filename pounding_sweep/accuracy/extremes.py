@@ -23,8 +23,10 @@ from pounding_sweep.base.files import read_data
 from pounding_sweep.engine.postprocess import displacement_limit, energy_limit
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
+from pounding_sweep.model.building import BoucWen, Building, Foundation
 from pounding_sweep.model.laws import LAWS, Law, get_law
-from pounding_sweep.model.scene import CONTACTS, BoucWen, Building, Foundation, Scene, Wall
+from pounding_sweep.model.meeting import CONTACTS
+from pounding_sweep.model.scene import Scene, Wall
 from pounding_sweep.model.variants import variants_of
 from pounding_sweep.output.dataset import global_attributes
 from pounding_sweep.plan.advice import measured_schemes

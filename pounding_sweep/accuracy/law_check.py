@@ -14,8 +14,9 @@ from pounding_sweep.accuracy.certificate import APPROACH, MASS, RESTITUTIONS, ce
 from pounding_sweep.base.errors import LawError
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model import formula as formulas
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import LAWS, Law, find_law
-from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.model.scene import ContactProperties, Scene, Wall
 from pounding_sweep.records import Record
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.variables.registry import REDUCERS

@@ -28,7 +28,8 @@ from pounding_sweep.analysis.scenarios import (
 )
 from pounding_sweep.analysis.spectra import USUAL_DAMPING, response_spectrum
 from pounding_sweep.base.errors import InputError, RecordError
-from pounding_sweep.model.scene import CONTACTS, Scene
+from pounding_sweep.model.meeting import CONTACTS
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.records import RECORD_SETS, Record, find_record, record_measures, resolve_records
 from pounding_sweep.records.synthetic import remade
 from pounding_sweep.request.axes import AXES, axes_of, case_of, plain_name

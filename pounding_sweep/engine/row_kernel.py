@@ -26,8 +26,10 @@ from pounding_sweep.kernel.spec import (
     input_slots,
     property_slots,
 )
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import Law
-from pounding_sweep.model.scene import Building, Scene, column_shares
+from pounding_sweep.model.meeting import column_shares
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, coupled_modes, variants_of
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES, Scheme

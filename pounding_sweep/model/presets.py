@@ -9,8 +9,9 @@ import numpy as np
 
 from pounding_sweep.base.errors import SceneError, unknown
 from pounding_sweep.base.files import read_data
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.faults import NotNegative, Positive, checked_call
-from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ def base_isolated(
 
     Examples
     --------
-    >>> from pounding_sweep.model.scene import Building
+    >>> from pounding_sweep.model.building import Building
     >>> tower = base_isolated(Building("tower", [100.0], [2e5], 0.02), 100.0, 2.0, 0.05, strength=60.0)
     >>> [round(x, 1) for x in tower.yield_strengths], [round(x, 1) for x in tower.dashpots]
     ([79.7, inf], [62.8, 178.9])

@@ -23,7 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.model.scene import Building, Foundation, Scene, column_softness, effective_mass, rayleigh_factors
+from pounding_sweep.model.building import Building, Foundation, rayleigh_factors
+from pounding_sweep.model.meeting import column_softness, effective_mass
+from pounding_sweep.model.scene import Scene
 
 #: Rows of linked buildings whose modes are found at a time.
 _BLOCK = 4096

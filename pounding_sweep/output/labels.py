@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.engine.row_kernel import SMALL_MOTION, longest_rest
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import LAWS, realised_restitution
-from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.dataset import (
     SOURCE_ATTRIBUTE,

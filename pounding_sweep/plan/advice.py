@@ -21,8 +21,9 @@ import numpy as np
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.engine.postprocess import MAX_PHASE_ERROR, loses_ground, phase_error
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel, flight_refinement, kernel_shape
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import LAWS, RESTING_SPEED, Law
-from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.plan.scenarios import Scenarios, stable_steps
 from pounding_sweep.records import Record

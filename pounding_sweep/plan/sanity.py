@@ -16,9 +16,9 @@ from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import repr_short
 from pounding_sweep.base.files import read_data
 from pounding_sweep.base.text import comma_hint
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.presets import PRESETS
-from pounding_sweep.model.scene import Building
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.plan.scenarios import requested_scenarios
 from pounding_sweep.records import UNITS, Record, record_measures

@@ -32,6 +32,7 @@ from pounding_sweep.base.errors import (
 )
 from pounding_sweep.base.files import expanded
 from pounding_sweep.base.text import LONGEST_TITLE, comma_hint, label_fault
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.faults import (
     Faults,
     Flag,
@@ -51,7 +52,7 @@ from pounding_sweep.model.faults import (
 from pounding_sweep.model.laws import LAW_GROUPS, LAWS, Law, find_law, hertz_stiffness
 from pounding_sweep.model.presets import base_isolated, get_preset
 from pounding_sweep.model.rebound import RESTITUTION_BASES
-from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.records import (
     Record,

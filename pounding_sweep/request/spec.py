@@ -15,9 +15,11 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.base.errors import SceneError, SweepError
+from pounding_sweep.model.building import Building
 from pounding_sweep.model.faults import number_check
 from pounding_sweep.model.laws import LAWS, Law, get_law
-from pounding_sweep.model.scene import Building, Contacts, Scene
+from pounding_sweep.model.meeting import Contacts
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.records import STANDARD_GRAVITY, Record
 from pounding_sweep.request.axes import FACTOR_KINDS, Axis, AxisValues, Case
@@ -245,7 +247,8 @@ def overview(scene: Scene) -> list[tuple[str, str]]:
 
     Examples
     --------
-    >>> from pounding_sweep.model.scene import Building, Scene
+    >>> from pounding_sweep.model.building import Building
+    >>> from pounding_sweep.model.scene import Scene
     >>> a, b = Building("a", [100.0] * 2, [1e5] * 2), Building("b", [80.0] * 2, [2e5] * 2, storey_heights=[3.0, 4.0])
     >>> for name, text in overview(Scene([a, b], [0.01])):
     ...     print(f"{name}: {text}")

@@ -33,7 +33,8 @@ from pounding_sweep.analysis.scenarios import (
 )
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.files import FilePath
-from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.building import Building
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.records import Record
 from pounding_sweep.request.axes import DIMENSIONS
 from pounding_sweep.request.spec import scene_of
@@ -229,7 +230,7 @@ def required_gap(
     The exact gap of a pair holds only where every pair of the row has at least its own: once another pair pounds, this
     one may touch at a larger gap. The gap of a pair must be that of all its labels ("a-b columns of b"), whatever the
     row's ``contacts``. A struck point moves by N1 u_below + N2 u_above (see
-    `pounding_sweep.model.scene.column_shares`); the rules take its largest displacement from those of its floors in
+    `pounding_sweep.model.meeting.column_shares`); the rules take its largest displacement from those of its floors in
     the same shares.
 
     Examples

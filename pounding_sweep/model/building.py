@@ -1,0 +1,423 @@
+"""A building: masses, stiffness, damping and hysteresis of its storeys, and what it stands on.
+
+Units kN, t, m, s: consistent as they stand (1 kN = 1 t m/s2).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import field, replace
+from functools import cached_property
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from pydantic import BeforeValidator, Field
+
+from pounding_sweep.base import STANDARD_GRAVITY
+from pounding_sweep.base.errors import InputError, Place, SceneError, repr_short
+from pounding_sweep.base.text import label_fault
+from pounding_sweep.model.faults import (
+    Faults,
+    Finite,
+    Flag,
+    Fraction,
+    Listed,
+    NotNegative,
+    Number,
+    Positive,
+    checked,
+    derived,
+    one_of,
+    one_or_several,
+    set_fields,
+)
+
+#: Storey height where none is given (m).
+DEFAULT_STOREY_HEIGHT = 3.0
+#: Below these shares of the stiffness of the storey above, at first and after yielding, a first storey is of isolators.
+ISOLATING = (0.25, 0.1)
+#: Largest exponent of Bouc and Wen.
+MOST_SHARP = 100.0
+#: Stiffnesses that Rayleigh damping may follow in storeys that yield.
+DAMPING_STIFFNESSES = ("initial", "tangent")
+#: What a building has of each storey; hardening may be one number.
+_LISTS = (
+    *("stiffnesses", "storey_heights", "yield_strengths", "slab_depths", "column_stiffnesses", "dashpots"),
+    "hardening",
+)
+
+
+def _label(name: Any) -> str:
+    """Return the name of a building or wall; `InputError` unless it can be one."""
+    if not isinstance(name, str) or not name.strip():
+        raise InputError(f"must be a name, a non-empty text, not {repr_short(name)}")
+    if fault := label_fault(name):
+        raise InputError(f"{repr_short(name)} {fault}; give another name")
+    return name
+
+
+#: A name of a building or wall, values of storeys, and one value or several.
+Label = Annotated[str, BeforeValidator(_label)]
+Positives = Annotated[Sequence[Positive], Listed]
+#: Values of storeys, or one number for all of them.
+OfStoreys = Annotated[Sequence[float], one_or_several(Positive, Sequence[Positive])]
+OfStoreysOrZero = Annotated[Sequence[float], one_or_several(NotNegative, Sequence[NotNegative])]
+#: Strengths of storeys, infinite (null in JSON) where they never yield.
+_Strength = Annotated[Number, Field(gt=0.0)]
+_Strengths = Sequence[Annotated[_Strength, BeforeValidator(lambda value: math.inf if value is None else value)]]
+Strengths = Annotated[Sequence[float], one_or_several(_Strength, _Strengths)]
+
+
+@checked
+class BoucWen:
+    """Smooth hysteresis of storeys that yield, in place of the bilinear one: the law of Bouc and Wen.
+
+    With the drift d and the yield drift dy = Vy / k, the shear is V = r k d + (1 - r) k z, of the hardening r and::
+
+        z' = d' - |z / dy|^n (beta |d'| sign z + gamma d')
+
+    Parameters
+    ----------
+    n : float
+        How sharply it yields, at least 1: the larger, the nearer to bilinear.
+    beta, gamma : float
+        Shape of loops, numbers without a unit, -beta < gamma <= beta. At their default z tends to the yield drift,
+        and unloading is straight; in general to dy / (beta + gamma)**(1 / n).
+
+    References
+    ----------
+    Wen (1976), Method for random vibration of hysteretic systems, J. Eng. Mech. Div. ASCE 102(2). Its A is 1, so that k
+    is the initial stiffness: another one is the same law with other k, r, beta and gamma (Ma et al. 2004).
+
+    Examples
+    --------
+    >>> b = Building("a", [100.0], [1e5], yield_strengths=[200.0], bouc_wen=BoucWen(n=2.0))
+    >>> b.bouc_wen
+    BoucWen(n=2.0, beta=0.5, gamma=0.5)
+    """
+
+    n: Annotated[Number, Field(ge=1.0, le=MOST_SHARP)] = 1.0
+    beta: Number = 0.5
+    gamma: Number = 0.5
+
+    def __post_init__(self) -> None:
+        if not -self.beta < self.gamma <= self.beta:
+            raise SceneError(
+                f"gamma is {self.gamma:g} beside beta {self.beta:g}; it must be above -beta, so that z stays bounded, "
+                "and at most beta, so that no energy is won"
+            )
+
+    @property
+    def limit(self) -> float:
+        """What z tends to, over the yield drift."""
+        return float((self.beta + self.gamma) ** (-1.0 / self.n))
+
+
+@checked
+class Foundation:
+    """A rigid foundation under a building, free to sway and to rock on the soil's springs and dashpots.
+
+    Two degrees of freedom beside the building's floors: the base's displacement relative to the free field and its
+    rotation. At a rotation theta a floor at elevation h moves by h theta with its base.
+
+    Parameters
+    ----------
+    mass : float
+        Mass (t) of the base.
+    inertia : float
+        Mass moment of inertia (t m2) of the base about its own centre, and of the floors about theirs: their masses at
+        their elevations are not part of it.
+    sway_stiffness : float
+        Stiffness K_h (kN/m) of the soil against sway.
+    rocking_stiffness : float
+        Stiffness K_theta (kN m/rad) of the soil against rocking.
+    sway_damping : float
+        Coefficient c_h (kN s/m) of the soil's dashpot against sway, of its material and of radiation.
+    rocking_damping : float
+        Coefficient c_theta (kN m s/rad) of that against rocking.
+
+    Raises
+    ------
+    SceneError
+        A value is not a positive number, or a damping is negative.
+
+    References
+    ----------
+    Veletsos & Meek (1974), Dynamic behaviour of building-foundation systems, Earthq. Eng. Struct. Dyn. 3, 121-138.
+    Wolf (1985), Dynamic soil-structure interaction, Prentice-Hall.
+
+    Examples
+    --------
+    >>> from pounding_sweep import Building
+    >>> soft = Foundation(mass=100.0, inertia=800.0, sway_stiffness=4e5, rocking_stiffness=9e6)
+    >>> firm, swaying = Building("a", [100.0], [1e5]), Building("a", [100.0], [1e5], foundation=soft)
+    >>> round(float(firm.periods[0]), 3), round(float(swaying.periods[0]), 3)
+    (0.199, 0.236)
+    """
+
+    mass: Positive
+    inertia: Positive
+    sway_stiffness: Positive
+    rocking_stiffness: Positive
+    sway_damping: NotNegative = 0.0
+    rocking_damping: NotNegative = 0.0
+
+    #: Of sway and of rocking.
+    masses = property(lambda self: np.array([self.mass, self.inertia]))
+    stiffnesses = property(lambda self: np.array([self.sway_stiffness, self.rocking_stiffness]))
+    dashpots = property(lambda self: np.array([self.sway_damping, self.rocking_damping]))
+
+
+@checked
+class Building:
+    """A shear building, linear elastic unless its storeys yield.
+
+    Parameters
+    ----------
+    name : str
+        Coordinate label in every result.
+    masses : sequence of float
+        Floor masses (t), bottom first.
+    stiffnesses : float or sequence of float
+        Storey stiffnesses (kN/m), bottom first; one number is that of every storey, here and below.
+    damping_ratio : float or (float, float)
+        Rayleigh damping ratio of the first two modes, or one each. A one-storey building has c = 2 zeta w m.
+    storey_heights : float or sequence of float, optional
+        Storey heights (m), 3 m each where not given.
+    yield_strengths : float or sequence of float, optional
+        Storey shears (kN) at first yield, bottom first; infinite where a storey never yields. A building without them
+        is elastic.
+    hardening : float or sequence of float
+        Stiffness of a storey that yields over its elastic one, in [0, 1): bilinear with kinematic hardening. One number
+        for all storeys, or one per storey, bottom first.
+    damping_stiffness : {"initial", "tangent"}
+        Stiffness that Rayleigh damping follows in storeys that yield.
+    slab_depths : float or sequence of float, optional
+        Depths of the floors' slabs (m), from the floor's elevation down, each less than its
+        storey's height; 0 where not given. Floors of neighbours meet where their slabs overlap.
+    column_stiffnesses : float or sequence of float, optional
+        Lateral stiffnesses 12 E I / L^3 (kN/m) of those columns of each storey that a
+        neighbour's floor strikes; those of the storeys where not given.
+    p_delta : bool
+        Weights above a storey act on its drift: its lateral stiffness is less by P / h, of the weight P = m g above it
+        (kN) and its height h. Periods, modes and Rayleigh damping are those of the building under its weight.
+    bouc_wen : BoucWen or mapping, optional
+        Smooth hysteresis of the storeys that yield, in place of the bilinear one.
+    dashpots : float or sequence of float, optional
+        Coefficients (kN s/m) of dashpots between each floor and the one below (the ground), bottom first, beside
+        Rayleigh's damping; zero where a storey has none.
+    foundation : Foundation or mapping, optional
+        What the building stands on, free to sway and to rock; fixed to the ground where not given. Rayleigh damping is
+        that of the building on a fixed base, and acts on its motion relative to the base; periods and modes are those
+        of both together.
+    base_elevation : float
+        Elevation (m) of the building's base above the datum of the row, below 0 for one that is deeper: floors of
+        neighbours meet where their elevations above that datum agree.
+
+    Raises
+    ------
+    SceneError
+        A value is out of range, the lists differ in length, `hardening` is outside [0, 1), with `p_delta` a storey
+        does not stand under the weight above it, or it comes with a `foundation`.
+
+    Examples
+    --------
+    >>> b = Building("left", [173.331, 173.331, 133.956], [555.55e3] * 3)
+    >>> [round(float(t), 4) for t in b.periods[:1]]
+    [0.2337]
+    """
+
+    name: Label
+    masses: Annotated[Positives, Field(min_length=1)]
+    stiffnesses: OfStoreys
+    damping_ratio: Annotated[float | Sequence[float], one_or_several(Fraction, tuple[Fraction, Fraction])] = 0.05
+    storey_heights: OfStoreys | None = None
+    yield_strengths: Strengths | None = None
+    hardening: Annotated[float | Sequence[float], one_or_several(Fraction, Sequence[Fraction])] = 0.0
+    damping_stiffness: Annotated[str, one_of("damping_stiffness", DAMPING_STIFFNESSES)] = "initial"
+    slab_depths: OfStoreysOrZero | None = field(default=None, kw_only=True)
+    column_stiffnesses: OfStoreys | None = field(default=None, kw_only=True)
+    p_delta: Flag = field(default=False, kw_only=True)
+    bouc_wen: BoucWen | None = field(default=None, kw_only=True)
+    dashpots: OfStoreysOrZero | None = field(default=None, kw_only=True)
+    foundation: Foundation | None = field(default=None, kw_only=True)
+    base_elevation: Finite = field(default=0.0, kw_only=True)
+    FILE_KEYS: ClassVar = ("isolation",)  # a sweep file's reader replaces it
+    n_storeys: int = derived()
+    #: of each storey: whether it may yield, its hardening, and whether it has a dashpot
+    yields: tuple[bool, ...] = derived()
+    hardenings: tuple[float, ...] = derived()
+    dashed: tuple[bool, ...] = derived()
+    uniform_hardening: float = derived()  # of all storeys, NaN if they differ
+    elevations: np.ndarray = derived()  # of floors above the building's base (m), shape (n_storeys,)
+    levels: np.ndarray = derived()  # of floors above the datum of the row (m), shape (n_storeys,)
+    #: what the weights above take of each storey's lateral stiffness (kN/m), P / h, zeros without `p_delta`; what they
+    #: leave of it (kN/m); and P / (k h)
+    geometric_stiffnesses: tuple[float, ...] = derived()
+    #: drift (m) at which a storey falls, infinite where it never does: with `p_delta` the height of one that yields
+    drift_limits: tuple[float, ...] = derived()
+    lateral_stiffnesses: tuple[float, ...] = derived()
+    stability_coefficients: tuple[float, ...] = derived()
+
+    def __post_init__(self) -> None:
+        n, hardening = len(self.masses), self.hardening
+        single = [name for name in _LISTS if isinstance(getattr(self, name), float) and name != "hardening"]
+        set_fields(self, **{name: (getattr(self, name),) * n for name in single})
+        hardenings = hardening if isinstance(hardening, tuple) else (hardening,) * n
+        set_fields(
+            self,
+            n_storeys=n,
+            storey_heights=self.storey_heights or (DEFAULT_STOREY_HEIGHT,) * n,
+            yields=tuple(map(math.isfinite, self.yield_strengths or (math.inf,) * n)),
+            hardenings=hardenings,
+            uniform_hardening=hardenings[0] if len(set(hardenings)) == 1 else math.nan,
+            dashed=tuple(c > 0.0 for c in self.dashpots or (0.0,) * n),
+        )
+        set_fields(self, elevations=np.cumsum(self.storey_heights or ()))
+        set_fields(self, levels=self.base_elevation + self.elevations)
+        with Faults() as faults:
+            self._check_parts(faults.add)
+            if not faults.entries:
+                weights = np.cumsum(np.multiply(self.masses[::-1], STANDARD_GRAVITY * self.p_delta))[::-1]
+                geometric = weights / self.storey_heights
+                heights = zip(self.storey_heights or (), self.yields, strict=True)
+                set_fields(
+                    self,
+                    drift_limits=tuple(h if self.p_delta and flag else math.inf for h, flag in heights),
+                    geometric_stiffnesses=tuple(geometric.tolist()),
+                    lateral_stiffnesses=tuple(np.subtract(self.stiffnesses, geometric).tolist()),
+                    stability_coefficients=tuple(np.divide(geometric, self.stiffnesses).tolist()),
+                )
+                self._check_building(faults.add)
+
+    def _check_parts(self, fault: Callable[[Place, str], None]) -> None:
+        """Tell of parts that do not go together."""
+        n = self.n_storeys
+        for name in _LISTS:
+            if isinstance(values := getattr(self, name), tuple) and len(values) != n:
+                fault((name,), f"{len(values)} values for {n} masses; give one per storey")
+        if self.yield_strengths is None:
+            for name, default in (("hardening", 0.0), ("damping_stiffness", "initial"), ("bouc_wen", None)):
+                if getattr(self, name) != default:
+                    fault((name,), f"{name} is that of storeys that yield; give yield_strengths too, or leave it out")
+        if self.damping_stiffness == "tangent" and self.bouc_wen:
+            why = "bouc_wen has no tangent stiffness that is one number while a storey yields"
+            fault(("bouc_wen",), f'{why}; give damping_stiffness = "initial"')
+        if self.damping_stiffness == "tangent" and self.p_delta:
+            fault(
+                ("p_delta",),
+                "with p_delta the tangent stiffness of a storey that yields may be negative, and damping that follows "
+                'it would put energy in; give damping_stiffness = "initial", or leave out p_delta',
+            )
+        if self.p_delta and self.foundation:
+            why = "p_delta and a foundation do not go together, as weights would act on its rocking too"
+            fault(("foundation",), f"{why}; leave one of them out")
+
+    def _check_building(self, fault: Callable[[Place, str], None]) -> None:
+        """Tell what only the building shows, its parts being valid."""
+        for i, (depth, height) in enumerate(zip(self.slab_depths or (), self.storey_heights or (), strict=False)):
+            if depth >= height:
+                fault(("slab_depths", i), f"is {depth:g} m; it must be less than the storey's height of {height:g} m")
+        for storey, theta in enumerate(self.stability_coefficients):
+            if not theta < 1.0:
+                fault(
+                    ("p_delta",),
+                    f"storey {storey + 1} of stiffness {self.stiffnesses[storey]:g} kN/m does not stand under the "
+                    f"weight above it: its stability coefficient P / (k h) is {theta:.3g}, and must be below 1; give "
+                    f"it a stiffness above P / h = {self.geometric_stiffnesses[storey]:.4g} kN/m, or leave out p_delta",
+                )
+        if not min(self.rayleigh) >= 0.0:
+            fault(
+                ("damping_ratio",),
+                f"{repr_short(self.damping_ratio)} gives the Rayleigh factors {self.rayleigh!r}, negative ones of "
+                "which would feed energy in; bring the ratios of the first two modes closer together",
+            )
+
+    @property
+    def on_isolators(self) -> bool:
+        """Whether the first storey is too soft for columns beside the one above: isolators."""
+        first, above = (*self.stiffnesses, 0.0)[:2]
+        yielded = first * (self.hardenings[0] if self.yields[0] else 1.0)
+        return first < ISOLATING[0] * above and yielded < ISOLATING[1] * above
+
+    @property
+    def inertias(self) -> np.ndarray:
+        """Floor masses (t), with a foundation its mass and moment of inertia (t m2) after them, shape (n,)."""
+        return np.array([*self.masses, *(self.foundation.masses if self.foundation else ())], dtype=float)
+
+    @cached_property
+    def deformations(self) -> np.ndarray:
+        """Displacements of floors relative to the base, by those of floors, of the base and its rotation."""
+        floors = np.eye(self.n_storeys)  # shape (n_storeys, n)
+        if self.foundation is None:
+            return floors
+        return np.column_stack([floors, -np.ones(self.n_storeys), -self.elevations])
+
+    @cached_property
+    def drifts(self) -> np.ndarray:
+        """Storey drifts by the same, shape (n_storeys, n)."""
+        return np.diff(self.deformations, axis=0, prepend=0.0)
+
+    @cached_property
+    def damping_matrices(self) -> np.ndarray:
+        """What Rayleigh's a and b multiply (t, kN/m), and C of dashpots (kN s/m), shape (3, n, n)."""
+        moved, drifts = self.deformations, self.drifts
+        dashpots = (drifts.T * (self.dashpots or (0.0,) * self.n_storeys)) @ drifts
+        if self.foundation is not None:
+            dashpots[[-2, -1], [-2, -1]] += self.foundation.dashpots
+        return np.stack([(moved.T * self.masses) @ moved, (drifts.T * self.lateral_stiffnesses) @ drifts, dashpots])
+
+    @cached_property
+    def stiffness_matrix(self) -> np.ndarray:
+        """K (kN/m), of the lateral stiffnesses, with a foundation by the base's displacement and rotation too."""
+        stiff = self.damping_matrices[1].copy()
+        if self.foundation is not None:
+            stiff[[-2, -1], [-2, -1]] += self.foundation.stiffnesses
+        return stiff
+
+    @cached_property
+    def modes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Circular frequencies (rad/s), rising, and mass-normalised mode shapes (t^-1/2) in columns."""
+        # with a foundation two more, of both together: shapes end with the base's displacement and rotation (rad/m)
+        root = 1.0 / np.sqrt(self.inertias)
+        values, vectors = np.linalg.eigh(self.stiffness_matrix * np.outer(root, root))
+        return np.sqrt(np.maximum(values, 0.0)), vectors * root[:, None]
+
+    @property
+    def frequencies(self) -> np.ndarray:
+        """Natural circular frequencies (rad/s), rising."""
+        return self.modes[0]
+
+    @property
+    def periods(self) -> np.ndarray:
+        """Natural periods (s), falling."""
+        return 2.0 * math.pi / self.frequencies
+
+    @cached_property
+    def on_fixed_base(self) -> Building:
+        """The building without its foundation."""
+        return self if self.foundation is None else replace(self, foundation=None)
+
+    @cached_property
+    def rayleigh(self) -> tuple[float, float]:
+        """Factors (a, b) of C = a M + b K (1/s, s), from the first two modes on a fixed base."""
+        ratios = self.damping_ratio
+        return rayleigh_factors(
+            self.on_fixed_base.frequencies, ratios if isinstance(ratios, tuple) else (ratios, ratios)
+        )
+
+    @cached_property
+    def damping_shares(self) -> np.ndarray:
+        """What Rayleigh's a and b each take of damping ratios (s, 1/s), and dashpots give, of modes, shape (3, n)."""
+        w, shapes = self.modes
+        return np.einsum("im,pij,jm->pm", shapes, self.damping_matrices, shapes) / (2.0 * w)
+
+
+def rayleigh_factors(frequencies: np.ndarray, ratios: tuple[float, float]) -> tuple[float, float]:
+    """Factors (a, b) (1/s, s) of the Rayleigh damping C = a M + b K of given ratios in the first two modes (rad/s)."""
+    if len(frequencies) == 1:  # a = 2 zeta w
+        return 2.0 * ratios[0] * float(frequencies[0]), 0.0
+    w1, w2 = float(frequencies[0]), float(frequencies[1])
+    b = 2.0 * (ratios[1] * w2 - ratios[0] * w1) / (w2**2 - w1**2)
+    return 2.0 * ratios[0] * w1 - b * w1**2, b
