@@ -57,7 +57,7 @@ from benchmarks.paper_found.search import (
 from pounding_sweep.base.text import print_table
 from pounding_sweep.figures.style import COLOURS, in_style
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
-from pounding_sweep.paper.report import Grid, ungrouped
+from pounding_sweep.pages import Grid, ungrouped
 from pounding_sweep.paper.study import GAP, READINGS, RESTITUTION, paper_records, record_title
 from pounding_sweep.records import Record
 from pounding_sweep.records.catalogue import Folders

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from importlib.resources import files
-from itertools import groupby, product
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +11,9 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.base import STANDARD_GRAVITY
-from pounding_sweep.base.files import replacing
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.dataset import package_version
+from pounding_sweep.pages import Grid, ungrouped, write_page
 from pounding_sweep.paper.compare import (
     CLOSE,
     LIMITS,
@@ -54,37 +51,10 @@ ALL = "all"
 Picture = tuple[int, str, Path]
 
 
-@dataclass(frozen=True)
-class Grid:
-    """A table as text."""
-
-    title: str  # above it
-    headings: Sequence[tuple[str, str]]  # group and heading of each column
-    rows: Sequence[Sequence[str]]  # cells
-
-    @property
-    def groups(self) -> list[tuple[str, int]]:
-        """Groups of the headings with their widths; none where no heading has one."""
-        groups = [(group, len(list(columns))) for group, columns in groupby(self.headings, key=lambda pair: pair[0])]
-        return groups if any(group for group, _ in groups) else []
-
-
-def ungrouped(*texts: str) -> list[tuple[str, str]]:
-    """Return headings without groups."""
-    return [("", text) for text in texts]
-
-
 def write_report(contents: Mapping[str, Any], pictures: Sequence[Picture], path: Path) -> Path:
     """Write the report as HTML; `contents` are those of `contents_of`."""
-    from jinja2 import Environment, StrictUndefined
-
-    template = files("pounding_sweep").joinpath("paper", "report.html.j2").read_text("utf-8")
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["base64"] = lambda path: base64.b64encode(path.read_bytes()).decode("ascii")
-    page = environment.from_string(template).render(**contents, pictures=pictures)
-    with replacing(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return path
+    images = [(number, title, file.read_bytes()) for number, title, file in pictures]
+    return write_page("paper/report.html.j2", path, **contents, pictures=images)
 
 
 def contents_of(study: Study) -> dict[str, Any]:

@@ -1,0 +1,51 @@
+"""Pages: HTML files that need no other file and no network, made of templates that lie beside what fills them."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from pounding_sweep.base.files import replacing
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table as text."""
+
+    title: str  # above it
+    headings: Sequence[tuple[str, str]]  # group and heading of each column
+    rows: Sequence[Sequence[str]]  # cells
+
+    @property
+    def groups(self) -> list[tuple[str, int]]:
+        """Groups of the headings with their widths; none where no heading has one."""
+        groups = [(group, len(list(columns))) for group, columns in groupby(self.headings, key=lambda pair: pair[0])]
+        return groups if any(group for group, _ in groups) else []
+
+
+def ungrouped(*texts: str) -> list[tuple[str, str]]:
+    """Return headings without groups."""
+    return [("", text) for text in texts]
+
+
+def write_page(template: str, path: Path, **contents: Any) -> Path:
+    """Fill a template, a file of the package such as ``pages/report.html.j2``, and write the page.
+
+    In templates the filter ``base64`` is for the bytes of a picture.
+    """
+    from jinja2 import Environment, FunctionLoader, StrictUndefined
+
+    loader = FunctionLoader(lambda name: files("pounding_sweep").joinpath(*name.split("/")).read_text("utf-8"))
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["base64"] = lambda data: base64.b64encode(data).decode("ascii")
+    page = environment.get_template(template).render(**contents)
+    with replacing(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    return path
