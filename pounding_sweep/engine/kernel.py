@@ -34,8 +34,8 @@ from pounding_sweep.kernel.lanes import (
     where,
 )
 from pounding_sweep.kernel.spec import LANES, N_ARGUMENTS, PARAMETERS, KernelSpec, history_slots, input_slots
+from pounding_sweep.kernel.turns import Course, Flights, Turns, run_scenarios
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.schemes.exact import Course, Flights, Turns, run_scenarios
 from pounding_sweep.variables.registry import output_slots, reducers_of
 
 _I64, _DOUBLE = ir.IntType(64), ir.DoubleType()
