@@ -100,7 +100,7 @@ def rounds(group: Group) -> Iterator[None]:
     for storey in storeys:
         storey.flow = _share(storey, *_end(storey, "0"))
         storey.rest = storey.slip0 - storey.flow * storey.drift("u0")
-    active, astray = Cell(moves), Cell(moves & ~moves)
+    active, astray = Cell(moves), group.cell(False)
     for _ in while_any(lambda: active.now, at_most=MAX_ROUNDS):
         for storey in storeys:
             soft = storey.hardened[1]
@@ -108,7 +108,7 @@ def rounds(group: Group) -> Iterator[None]:
             storey.ct = -soft * storey.rest
         yield
         # lanes that are there stay there, and do the same in each round that others need
-        running, again, far, better = active.now, Cell(moves & ~moves), Cell(moves & ~moves), []
+        running, again, far, better = active.now, group.cell(False), group.cell(False), []
         for storey in storeys:
             d = storey.drift()
             p = where(moves, fma(storey.flow, d, storey.rest), storey.slip0)

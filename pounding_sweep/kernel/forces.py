@@ -214,7 +214,7 @@ def _slack(contact: Contact, asks: Any, event: tuple[Any, Any], depth: Series) -
     asks = asks & (c > 0.0) & ((mode == PRESSING) | (mode == SLACK))
     # not the release itself, where E and B v both end
     end = where(mode == PRESSING, minimum(when - group.limit.at_release, 1.0), minimum(when, 1.0))
-    ends, begins, first = Cell(asks & ~asks), Cell(asks & ~asks), group.cell(0.0)
+    ends, begins, first = group.cell(False), group.cell(False), group.cell(0.0)
     with when_any(asks):
         p1, d, slope = press(end)
         ends.now = asks & (mode == PRESSING) & (p1 <= 0.0) & (slope < 0.0)
@@ -338,7 +338,7 @@ def is_due(contact: Contact, lands: Any) -> Any:
 def apply_events(group: Group, lands: Any, h: Any) -> Any:
     """Switch the contacts whose event ends this sub-step; returns the lanes in which any did."""
     s = group.state
-    switched = Cell(lands & ~lands)
+    switched = group.cell(False)
     for contact in group.iter_contacts():
         law, which = contact.law, contact.law_index
         due = is_due(contact, lands)

@@ -14,7 +14,7 @@ from itertools import accumulate
 from typing import Any
 
 from pounding_sweep.kernel.group import Group, Storey
-from pounding_sweep.kernel.lanes import Cell, maximum, minimum, size, when_any, where
+from pounding_sweep.kernel.lanes import maximum, minimum, size, when_any, where
 from pounding_sweep.kernel.roots import NEVER, course, crossing
 
 
@@ -111,7 +111,7 @@ def _event(storey: Storey, busy: Any) -> None:
 
 def apply_events(group: Group, lands: Any) -> Any:
     """Switch the storeys whose event ends this sub-step; returns the lanes in which any did."""
-    switched = Cell(lands & ~lands)
+    switched = group.cell(False)
     for storey in iter_storeys(group):
         turn = storey.turn
         due = lands & (turn < 1.0) & (turn <= group.state["fraction"] + group.limit.same_time)

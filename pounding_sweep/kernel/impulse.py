@@ -197,7 +197,7 @@ def _apply_impacts(group: Group, lanes: Any, h: Any) -> None:
     """Impacts of the contacts at this instant (``next`` > 0), until none of their floors approach."""
     again = Cell(lanes)
     for _ in while_any(lambda: again.now, at_most=MAX_TRIES):
-        mask, more = again.now, Cell(again.now & ~again.now)
+        mask, more = again.now, group.cell(False)
         for contact in group.iter_contacts():
             v, c = contact.between("v"), contact.c
             hits = mask & (contact.next > 0.0) & (v > PARTED * RESTING_SPEED)

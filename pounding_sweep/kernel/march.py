@@ -189,7 +189,7 @@ def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
     """Let lanes refuse their trial where an event ends it earlier; the length of the next one is in ``ahead``."""
     s, h = group.state, group.state["h"]
     ongoing = s["time_left"] > 0.0
-    s["accepted"] = where(ongoing, 1.0, 0.0 * h)
+    s["accepted"] = where(ongoing, 1.0, 0.0)
     landing = s["land"] > 0.0
     asks = ongoing & ~landing & look & (s["tries"] < forces.MAX_TRIES)
     if group.spec.implicit and group.touching:
@@ -278,7 +278,7 @@ def close(group: Group, kind: ModuleType, h: Any) -> None:
     if "transfer" in group.requested and not group.spec.series:
         transfers.substep(group, accepted)
     lands, implicit = accepted & (s["land"] > 0.0), group.spec.implicit and not group.spec.impulsive
-    switched = Cell(lands & ~lands)
+    switched = group.cell(False)
     if implicit and group.touching:
         stiff = accepted & (s["stiff"] > 0.0)
         with when_any(stiff):
@@ -441,7 +441,7 @@ class FixedSteps:
                 flowing.now = any_lane(hysteresis.is_yielding(group))
             if needs_ends(group):
                 for _ in when(not_(closed.now)):
-                    clear_forces(group, s["scale"] == s["scale"])
+                    clear_forces(group, group.full(True))
 
     def _step_sampled(self, number: Any) -> None:
         group, h = self.group, self.ground.h

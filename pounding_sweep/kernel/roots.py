@@ -122,7 +122,7 @@ def first_crossing(
 ) -> Any:
     """Where sign times a series turns positive, in some lanes: before the `end`, where it `crosses`, else `NEVER`."""
     # where it `rises` only after it fell, it may begin at its event; where it `turns`, it must have been above `least`
-    rises = turns & ~turns if rises is None else rises
+    rises = group.full(False) if rises is None else rises
     bends = lanes & (turns | rises)
     low, high, event = group.cell(0.0), group.cell(end), Cell(lanes & crosses)
     with when_any(bends):

@@ -216,7 +216,7 @@ def _find_event(group: Group) -> None:
     """Find the first instant at which contacts change their modes: ``fraction``, of the step."""
     s = group.state
     ongoing = s["time_left"] > 0.0
-    s["accepted"] = where(ongoing, 1.0, 0.0 * s["h"])
+    s["accepted"] = where(ongoing, 1.0, 0.0)
     s["fraction"] = group.full(1.0)
     for contact in group.iter_contacts():
         contact.event, contact.next = group.full(NEVER), contact.mode
@@ -363,7 +363,7 @@ class _Choice:
             by_row = [("event_row", 0.0)] if group.spec.smooth else []
             for row, x in (("event_number", number), ("event_target", target), *by_row):
                 s[row] = where(better, x, s[row])
-            s["bends"] = where(better, where(hops, -1.0, where(rises, 1.0, 0.0 * e0)), s["bends"])
+            s["bends"] = where(better, where(hops, -1.0, where(rises, 1.0, 0.0)), s["bends"])
 
 
 def _choose(group: Group, asks: Any) -> _Choice:

@@ -137,7 +137,7 @@ def _take_turns(group: Group, b: Any, lanes: Any, nodes: int, course: Course) ->
     """Take the transfers of a building at which its power changes its sign, in some lanes."""
     s, end, power = group.state, group.state["fraction"], partial(_power, group, b, course=course)
     table = Lookup([*(0.5 - 0.5 * np.cos(np.pi * np.arange(1, PARTS + 1) / PARTS))])
-    begun, low, at_low = s["now", b] - s["gain", b], Cell(0.0 * end), Cell(s["power_start", b])
+    begun, low, at_low = s["now", b] - s["gain", b], group.cell(0.0), Cell(s["power_start", b])
     for q in count_to(PARTS):
         a, high = low.now, end * table[q]
         x = power(high)

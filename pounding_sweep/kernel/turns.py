@@ -221,7 +221,7 @@ def run_scenarios(
             (series if group.spec.series else march).substep(group, ground.h)
             # lanes leave where all is open at a point of flight's grid, or at the end of the record
             over = (course.busy.now > 0.0) & ~(s["time_left"] > 0.0)
-            course.leaves.now = over & ~over
+            course.leaves.now = group.full(False)
             with when_any(over):
                 course.at.now = at = where(over & more_steps, course.at.now + 1, course.at.now)
                 left = course.left.now - 1.0

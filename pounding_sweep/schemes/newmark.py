@@ -333,7 +333,7 @@ class Newmark(Scheme):
     def begin(self, group: Group) -> None:
         """Accelerations at the start, which are part of the state."""
         if group.spec.impulsive and group.touching:
-            impulse.resting_accelerations(group, group.state["scale"] == group.state["scale"])
+            impulse.resting_accelerations(group, group.full(True))
         else:
             self.balance(group, None)
 
@@ -417,7 +417,7 @@ class Newmark(Scheme):
         s.put(waits, 0.0, "stiff")
         closed = waits & is_closed(group)
         with when_any(closed):
-            hard = Cell(closed & ~closed)
+            hard = group.cell(False)
             for contact in group.iter_contacts():
                 law, lanes = contact.law, closed & (contact.mode > OPEN)
                 d, v = contact.penetration(), contact.between("v")
