@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib.resources import files
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -336,12 +336,20 @@ class Demand:
         return total * self.spec.scene.n_dof * nanoseconds * 1e-9
 
 
-def advise(demand: Demand) -> tuple[Numerics, np.ndarray, np.ndarray, str, dict[str, Any]]:
+class Choice(NamedTuple):
+    """The scheme of a sweep and the steps of its scenarios."""
+
+    numerics: Numerics  # with the largest step of the runs without pounding
+    steps: np.ndarray  # per record interval, of each row of a table; int
+    uncoupled_steps: np.ndarray  # those of the runs without pounding, shape (records, variants); int
+    text: str = ""  # what was chosen, as a sentence
+    numbers: dict[str, Any] | None = None  # those that led to it
+
+
+def advise(demand: Demand) -> Choice:
     """Choose the scheme of a sweep with an accuracy, and the steps of its scenarios; always the same.
 
-    Returns the scheme with the largest step of the runs without pounding; steps per record interval, of scenarios and
-    of these runs (records, variants); what was chosen, as a sentence; and the numbers that led to it. Raises
-    `SweepError` if a law was not measured, or no scheme reached the accuracy.
+    Raises `SweepError` if a law was not measured, or no scheme reached the accuracy.
     """
     spec, table, measured = demand.spec, demand.table, load_measured()
     candidates, reached = list[tuple[float, SchemeAndFormat, dict[str, float], np.ndarray, np.ndarray]](), list[str]()
@@ -397,4 +405,5 @@ def advise(demand: Demand) -> tuple[Numerics, np.ndarray, np.ndarray, str, dict[
     largest = float((interval / uncoupled.min(axis=1)).max())
     settings = (spec.locate, spec.beta, spec.gamma, precision, _refinement(method, need))
     sentence = f"{demand.accuracy:g}: {' '.join(scheme)}, {number} per record interval to begin with{more}"
-    return Numerics(method, largest, *settings, seconds_of_rest(demand.spec.rest)), steps, uncoupled, sentence, numbers
+    numerics = Numerics(method, largest, *settings, seconds_of_rest(demand.spec.rest))
+    return Choice(numerics, steps, uncoupled, sentence, numbers)

@@ -21,6 +21,7 @@ from pounding_sweep.engine.row_kernel import REST_PERIODS, SMALL_MOTION, Numeric
 from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.variants import Variants
+from pounding_sweep.plan.advice import Choice, Demand, advise
 from pounding_sweep.plan.scenarios import (
     Chunk,
     Scenarios,
@@ -317,47 +318,68 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
     laws = (*(spec.law(key) for key in spec.laws if key != "none"), get_law("none"))
     unique, variants, inverse = unique_scenarios(spec, laws)
     table, repeats = but_for_gaps(unique)  # no step depends on gaps
-    choice: list[Any] = []
-    is_open, reason = spec.method is None and spec.accuracy is None, "" if spec.dt else ", since locate = false"
-    if is_open and not spec.dt and spec.locate:  # nothing is named: the default is an accuracy
-        spec = with_accuracy(spec, DEFAULT_ACCURACY)
-    if spec.accuracy is not None:
-        from pounding_sweep.plan.advice import Demand, advise
-
-        demand = Demand(spec, spec.accuracy, laws, table, repeats, variants, initial_speed)
-        try:
-            numerics, steps, uncoupled, *choice = advise(demand)
-        except SweepError as error:
-            if not is_open:
-                raise
-            spec, reason = replace(spec, accuracy=None), f", since {error}"
-    if spec.accuracy is None:
-        spec = with_default_scheme(spec) if is_open else spec
-        assert spec.method is not None
-        assert spec.dt is not None
-        assert spec.precision is not None
-        choice = [f"none: {spec.method} at steps of {spec.dt:g} s{reason}", None] if is_open else []
-        settings = spec.locate, spec.beta, spec.gamma, spec.precision
-        numerics = Numerics(spec.method, spec.dt, *settings, rest=seconds_of_rest(spec.rest))
-        # stages beside contacts take sub-steps by the contacts' durations rather than by a long step
-        coarser = min(min(spec.dt, max(record.dt for record in spec.records)) / STAGED_STEP, MOST_REFINEMENT)
-        if coarser > 1.0 and any(kernel_shape(spec.scene, law, numerics, ()).staged for law in laws):
-            numerics = replace(numerics, refinement=coarser)
-        of_record = np.array([numerics.steps(record) for record in spec.records], np.int32)
-        uncoupled = np.broadcast_to(of_record[:, None], (len(of_record), len(variants)))
-        steps = of_record[table.record]
-    limit = stable_steps(spec, laws, table, variants, numerics.method)
+    spec, choice = _choose(spec, laws, table, repeats, variants, initial_speed)
+    limit = stable_steps(spec, laws, table, variants, choice.numerics.method)
     interval = np.array([record.dt for record in spec.records])
-    refused = np.zeros(len(table), bool) if spec.force_unstable else interval[table.record] / steps > limit
+    refused = np.zeros(len(table), bool) if spec.force_unstable else interval[table.record] / choice.steps > limit
 
     def repeated(column: np.ndarray) -> np.ndarray:
         """Return a column for all scenarios; where all rows agree, in the memory of one."""
         constant = len(column) > 0 and bool((column == column[0]).all())
         return np.broadcast_to(column[0], len(unique)) if constant else np.repeat(column, repeats)
 
-    columns = repeated(refused), repeated(limit), numerics, repeated(steps), uncoupled
-    runs = uncoupled_runs_of(unique, len(laws) - 1)
-    return Plan(spec, laws, unique, variants, inverse, *columns, *runs, *choice)
+    uncoupled_runs, uncoupled_of = uncoupled_runs_of(unique, len(laws) - 1)
+    return Plan(
+        spec=spec,
+        laws=laws,
+        unique=unique,
+        variants=variants,
+        inverse=inverse,
+        refused=repeated(refused),
+        limit=repeated(limit),
+        numerics=choice.numerics,
+        steps=repeated(choice.steps),
+        uncoupled_steps=choice.uncoupled_steps,
+        uncoupled_runs=uncoupled_runs,
+        uncoupled_of=uncoupled_of,
+        choice=choice.text,
+        choice_numbers=choice.numbers,
+    )
+
+
+def _choose(
+    spec: SweepSpec,
+    laws: tuple[Law, ...],
+    table: Scenarios,
+    repeats: np.ndarray,
+    variants: Variants,
+    initial_speed: float,
+) -> tuple[SweepSpec, Choice]:
+    """Return the sweep with what it leaves open, and the scheme and steps of the rows of a table."""
+    is_open, reason = spec.method is None and spec.accuracy is None, "" if spec.dt else ", since locate = false"
+    if is_open and not spec.dt and spec.locate:  # nothing is named: the default is an accuracy
+        spec = with_accuracy(spec, DEFAULT_ACCURACY)
+    if spec.accuracy is not None:
+        try:
+            return spec, advise(Demand(spec, spec.accuracy, laws, table, repeats, variants, initial_speed))
+        except SweepError as error:
+            if not is_open:
+                raise
+            spec, reason = replace(spec, accuracy=None), f", since {error}"
+    spec = with_default_scheme(spec) if is_open else spec
+    assert spec.method is not None
+    assert spec.dt is not None
+    assert spec.precision is not None
+    settings = spec.locate, spec.beta, spec.gamma, spec.precision
+    numerics = Numerics(spec.method, spec.dt, *settings, rest=seconds_of_rest(spec.rest))
+    # stages beside contacts take sub-steps by the contacts' durations rather than by a long step
+    coarser = min(min(spec.dt, max(record.dt for record in spec.records)) / STAGED_STEP, MOST_REFINEMENT)
+    if coarser > 1.0 and any(kernel_shape(spec.scene, law, numerics, ()).staged for law in laws):
+        numerics = replace(numerics, refinement=coarser)
+    of_record = np.array([numerics.steps(record) for record in spec.records], np.int32)
+    uncoupled = np.broadcast_to(of_record[:, None], (len(of_record), len(variants)))
+    text = f"none: {spec.method} at steps of {spec.dt:g} s{reason}" if is_open else ""
+    return spec, Choice(numerics, of_record[table.record], uncoupled, text)
 
 
 def untouched(plan: Plan, closing: np.ndarray) -> np.ndarray:
