@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import pounding_sweep as ps
+from pounding_sweep import lanes
 from pounding_sweep.engine import compile
 from pounding_sweep.engine.compile import (
     compile_piece,
@@ -26,7 +27,6 @@ from pounding_sweep.engine.compile import (
     still_to_compile,
 )
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
-from pounding_sweep.kernel import lanes
 from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Scene, Wall
@@ -162,7 +162,7 @@ def test_what_a_kernel_is_made_of_is_in_its_name(monkeypatch, tmp_path):
         return source_digest(shape)
 
     before = name()
-    for edited in ("kernel/lanes.py", "schemes/exact.py", "variables/registry.py", "engine/kernel.py", "model/laws.py"):
+    for edited in ("lanes.py", "schemes/exact.py", "variables/registry.py", "engine/kernel.py", "model/laws.py"):
         path = tmp_path / "copy" / edited
         text = path.read_text(encoding="utf-8")
         path.write_text(f"{text}# edited", encoding="utf-8")

@@ -14,12 +14,13 @@ from numba import config
 from scenes import pair
 
 import pounding_sweep as ps
+from pounding_sweep import lanes
 from pounding_sweep.engine import compile, row_kernel
 from pounding_sweep.engine import kernel as emitter
 from pounding_sweep.engine.compile import get_kernel
 from pounding_sweep.engine.kernel import width
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
-from pounding_sweep.kernel import lanes, spec
+from pounding_sweep.kernel import spec
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.variables.registry import REDUCERS

@@ -37,6 +37,7 @@ _COMPILED: dict[KernelSpec, Any] = {}
 
 #: What decides the code of a kernel beside what it is compiled for: folders and files of the package.
 SOURCES = (
+    "lanes.py",
     "kernel",
     "schemes",
     "variables",

@@ -14,7 +14,9 @@ from pounding_sweep.kernel import march
 from pounding_sweep.kernel.flight import Flight, Layout
 from pounding_sweep.kernel.flight_tables import Blocks, Tables
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import (
+from pounding_sweep.kernel.spec import LANES, N_ARGUMENTS, PARAMETERS, KernelSpec, history_slots, input_slots
+from pounding_sweep.kernel.turns import Course, Flights, Turns, run_scenarios
+from pounding_sweep.lanes import (
     Cell,
     Count,
     Ledger,
@@ -33,8 +35,6 @@ from pounding_sweep.kernel.lanes import (
     when,
     where,
 )
-from pounding_sweep.kernel.spec import LANES, N_ARGUMENTS, PARAMETERS, KernelSpec, history_slots, input_slots
-from pounding_sweep.kernel.turns import Course, Flights, Turns, run_scenarios
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.variables.registry import output_slots, reducers_of
 

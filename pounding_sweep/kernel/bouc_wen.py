@@ -15,8 +15,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from pounding_sweep.kernel.group import Group, Storey, power_of
-from pounding_sweep.kernel.lanes import Cell, count_to, fma, maximum, minimum, size, when_any, where, while_any
 from pounding_sweep.kernel.roots import course, crossing, cubic
+from pounding_sweep.lanes import Cell, count_to, fma, maximum, minimum, size, when_any, where, while_any
 
 #: Share of its limit, over n, by which a drift may move in a sub-step.
 REACH = 0.5

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from typing import Any
 
 from pounding_sweep.kernel.group import Group, Storey
-from pounding_sweep.kernel.lanes import maximum, minimum, size, when_any, where
 from pounding_sweep.kernel.roots import NEVER, Series, first_crossing
+from pounding_sweep.lanes import maximum, minimum, size, when_any, where
 
 #: Largest share of its limit that a drift passes in a step which resolves its fall.
 RESOLVED = 0.25

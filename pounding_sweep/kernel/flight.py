@@ -27,7 +27,11 @@ import numpy as np
 
 from pounding_sweep.kernel import hysteresis
 from pounding_sweep.kernel.group import Group, Storey
-from pounding_sweep.kernel.lanes import (
+from pounding_sweep.kernel.modal_steps import MOVES
+from pounding_sweep.kernel.peaks import followed, septic_extremes
+from pounding_sweep.kernel.row import kinetic, strain
+from pounding_sweep.kernel.spec import LANES, KernelSpec, property_slots
+from pounding_sweep.lanes import (
     Cell,
     Lookup,
     Rows,
@@ -56,10 +60,6 @@ from pounding_sweep.kernel.lanes import (
     where,
     while_any,
 )
-from pounding_sweep.kernel.modal_steps import MOVES
-from pounding_sweep.kernel.peaks import followed, septic_extremes
-from pounding_sweep.kernel.row import kinetic, strain
-from pounding_sweep.kernel.spec import LANES, KernelSpec, property_slots
 
 #: Steps of the grid in a wide window.
 WIDE = 60

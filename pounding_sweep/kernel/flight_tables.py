@@ -13,7 +13,9 @@ from operator import or_
 from typing import Any
 
 from pounding_sweep.kernel.flight import ACCELERATION, HEAD, SPAN, STATE, WIDE, Flight
-from pounding_sweep.kernel.lanes import (
+from pounding_sweep.kernel.modal_steps import MOVES, step
+from pounding_sweep.kernel.peaks import septic_extremes
+from pounding_sweep.lanes import (
     Cell,
     Count,
     Lookup,
@@ -35,8 +37,6 @@ from pounding_sweep.kernel.lanes import (
     when,
     where,
 )
-from pounding_sweep.kernel.modal_steps import MOVES, step
-from pounding_sweep.kernel.peaks import septic_extremes
 
 #: Groups of rows of buildings that are filled together, block by block.
 BUNDLE = 16

@@ -13,7 +13,8 @@ from typing import Any
 
 from llvmlite import ir
 
-from pounding_sweep.kernel.lanes import (
+from pounding_sweep.kernel.spec import TOLERANCES, KernelSpec, LawShape, input_slots, property_slots, result_slots
+from pounding_sweep.lanes import (
     Cell,
     Count,
     Counts,
@@ -32,7 +33,6 @@ from pounding_sweep.kernel.lanes import (
     sqrt,
     where,
 )
-from pounding_sweep.kernel.spec import TOLERANCES, KernelSpec, LawShape, input_slots, property_slots, result_slots
 from pounding_sweep.model.formula import read, value
 from pounding_sweep.model.laws import RESTING_SPEED
 

@@ -14,8 +14,8 @@ from itertools import accumulate
 from typing import Any
 
 from pounding_sweep.kernel.group import Group, Storey
-from pounding_sweep.kernel.lanes import maximum, minimum, size, when_any, where
 from pounding_sweep.kernel.roots import NEVER, course, crossing
+from pounding_sweep.lanes import maximum, minimum, size, when_any, where
 
 
 def iter_storeys(group: Group, straight: bool = False) -> Iterator[Storey]:

@@ -13,9 +13,9 @@ from typing import Any
 from pounding_sweep.kernel import transfers
 from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, course_of, is_closed, is_due, note_onset
 from pounding_sweep.kernel.group import Contact, Group, is_wall
-from pounding_sweep.kernel.lanes import Cell, maximum, minimum, real, size, when_any, where, while_any
 from pounding_sweep.kernel.roots import NEVER, first_crossing
 from pounding_sweep.kernel.row import put_accelerations
+from pounding_sweep.lanes import Cell, maximum, minimum, real, size, when_any, where, while_any
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Mass (t) of a wall, beside which those of floors vanish.

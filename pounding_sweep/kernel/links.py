@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from pounding_sweep.kernel.group import BENDS, Group
-from pounding_sweep.kernel.lanes import fma, maximum, size, where
+from pounding_sweep.lanes import fma, maximum, size, where
 
 #: Shortest step (s) over which a rate is a difference: one that no lane takes.
 _LEAST_STEP = 1e-15

@@ -11,7 +11,10 @@ from typing import Any
 
 from pounding_sweep.kernel import bouc_wen, collapse, forces, hysteresis, impulse, rest, transfers
 from pounding_sweep.kernel.group import BENDS, Group
-from pounding_sweep.kernel.lanes import (
+from pounding_sweep.kernel.peaks import largest_accelerations, reduce_step, samples, turning, turns
+from pounding_sweep.kernel.roots import course
+from pounding_sweep.kernel.row import iter_powers
+from pounding_sweep.lanes import (
     Cell,
     any_lane,
     count_to,
@@ -26,9 +29,6 @@ from pounding_sweep.kernel.lanes import (
     where,
     while_any,
 )
-from pounding_sweep.kernel.peaks import largest_accelerations, reduce_step, samples, turning, turns
-from pounding_sweep.kernel.roots import course
-from pounding_sweep.kernel.row import iter_powers
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Landings on the same touch that Newton improves, and those in all.

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from pounding_sweep.kernel.lanes import Cell, fma, maximum, sqrt, where, while_any
+from pounding_sweep.lanes import Cell, fma, maximum, sqrt, where, while_any
 
 #: Largest frequency or damping, times the step, for which the series is summed, and its number of terms:
 #: 0.5**16 / 16! is below the last place.

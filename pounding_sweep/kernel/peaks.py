@@ -12,9 +12,9 @@ from typing import Any
 
 from pounding_sweep.kernel import bouc_wen, forces
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Cell, any_lane, count_to, maximum, minimum, size, sqrt, when, when_any, where
 from pounding_sweep.kernel.roots import Series, course, cubic, turn
 from pounding_sweep.kernel.row import add_forces, put_accelerations
+from pounding_sweep.lanes import Cell, any_lane, count_to, maximum, minimum, size, sqrt, when, when_any, where
 
 #: Most that a cubic leaves its ends by, in its rates there times the step.
 REACH = 4.0 / 27.0

@@ -12,9 +12,9 @@ from typing import Any
 
 from pounding_sweep.kernel import collapse, forces, hysteresis, links
 from pounding_sweep.kernel.group import Contact, Group, is_wall
-from pounding_sweep.kernel.lanes import size, sqrt, where
 from pounding_sweep.kernel.peaks import followed
 from pounding_sweep.kernel.row import kinetic, strain
+from pounding_sweep.lanes import size, sqrt, where
 
 #: By what damping raises the bound of a total acceleration at most, squared: ratios of modes are below 0.86.
 DAMPED = 4.0

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pounding_sweep.kernel.group import BENDS, Group
-from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, size, sqrt, when_any, where, while_any
+from pounding_sweep.lanes import Cell, fma, maximum, minimum, size, sqrt, when_any, where, while_any
 
 #: Newton's last change of a root (in steps) that it need not repeat, in both number formats.
 SETTLED = {"float64": 1e-8, "float32": 1e-3}

@@ -17,7 +17,7 @@ from typing import Any
 
 from pounding_sweep.kernel import links
 from pounding_sweep.kernel.group import Contact, Group, Storey, part_of
-from pounding_sweep.kernel.lanes import fma
+from pounding_sweep.lanes import fma
 
 #: Some buildings, and their floors.
 Part = Sequence[tuple[Any, Sequence[Any]]]

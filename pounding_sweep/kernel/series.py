@@ -18,7 +18,10 @@ import numpy as np
 from pounding_sweep.kernel import bouc_wen, collapse, forces, hysteresis, links, march, transfers
 from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, PRESSING, REBOUND, SLACK
 from pounding_sweep.kernel.group import Contact, Group, Indexed, Storey
-from pounding_sweep.kernel.lanes import (
+from pounding_sweep.kernel.peaks import followed, take_extremes
+from pounding_sweep.kernel.roots import NEVER, Series, newton, tangents, turn
+from pounding_sweep.kernel.row import Pushes, accelerations, iter_powers, powers
+from pounding_sweep.lanes import (
     Cell,
     Lookup,
     any_lane,
@@ -39,9 +42,6 @@ from pounding_sweep.kernel.lanes import (
     where,
     while_any,
 )
-from pounding_sweep.kernel.peaks import followed, take_extremes
-from pounding_sweep.kernel.roots import NEVER, Series, newton, tangents, turn
-from pounding_sweep.kernel.row import Pushes, accelerations, iter_powers, powers
 
 #: Largest last term of a series beside its first ones, in both number formats.
 LEFT_OUT = {"float64": 1e-14, "float32": 1e-6}

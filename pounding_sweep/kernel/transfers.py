@@ -14,10 +14,10 @@ import numpy as np
 
 from pounding_sweep.kernel.forces import OPEN, force_at, is_closed
 from pounding_sweep.kernel.group import Contact, Group
-from pounding_sweep.kernel.lanes import Cell, Lookup, count_to, fma, maximum, minimum, size, when_any, where
 from pounding_sweep.kernel.peaks import cubic_turns, moved
 from pounding_sweep.kernel.roots import cubic, root
 from pounding_sweep.kernel.row import iter_powers
+from pounding_sweep.lanes import Cell, Lookup, count_to, fma, maximum, minimum, size, when_any, where
 
 #: Gauss points between the start of a sub-step that was tried and an extreme.
 NODES = 3

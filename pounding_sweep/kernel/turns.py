@@ -15,7 +15,9 @@ from typing import Any
 from pounding_sweep.kernel import collapse, forces, hysteresis, march, rest, series
 from pounding_sweep.kernel.flight import Flight
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import (
+from pounding_sweep.kernel.peaks import samples
+from pounding_sweep.kernel.spec import LANES
+from pounding_sweep.lanes import (
     Cell,
     Rows,
     Table,
@@ -35,8 +37,6 @@ from pounding_sweep.kernel.lanes import (
     where,
     while_any,
 )
-from pounding_sweep.kernel.peaks import samples
-from pounding_sweep.kernel.spec import LANES
 
 #: Steps of flight within which floors that near each other are not worth a flight.
 AHEAD = 2.0

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.kernel.group import BENDS, Group
-from pounding_sweep.kernel.lanes import fma
+from pounding_sweep.lanes import fma
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import coupled_modes, variants_of
 from pounding_sweep.schemes.base import SAFETY

@@ -12,9 +12,9 @@ import numpy as np
 
 from pounding_sweep.kernel import bouc_wen, impulse, links
 from pounding_sweep.kernel.group import Contact, Group
-from pounding_sweep.kernel.lanes import any_lane, fma, when
 from pounding_sweep.kernel.march import keep_start
 from pounding_sweep.kernel.row import Part, Pushes, accelerations, iter_powers, powers
+from pounding_sweep.lanes import any_lane, fma, when
 from pounding_sweep.schemes.base import Scheme
 
 #: Force of a contact (of displacements, velocities), these by floor or by the name of their rows.

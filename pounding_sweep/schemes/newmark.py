@@ -32,7 +32,6 @@ from pounding_sweep.kernel.forces import (
     stick,
 )
 from pounding_sweep.kernel.group import Contact, Group, part_of
-from pounding_sweep.kernel.lanes import Cell, constant, fma, maximum, minimum, size, when_any, where, while_any
 from pounding_sweep.kernel.march import keep_start
 from pounding_sweep.kernel.row import (
     Part,
@@ -43,6 +42,7 @@ from pounding_sweep.kernel.row import (
     powers,
     put_accelerations,
 )
+from pounding_sweep.lanes import Cell, constant, fma, maximum, minimum, size, when_any, where, while_any
 from pounding_sweep.schemes.base import Scheme
 
 #: Sweeps over the contacts before the implicit solution is given up (the lane is flagged).

@@ -17,9 +17,9 @@ import numpy as np
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.kernel import bouc_wen, hysteresis, links, rest
 from pounding_sweep.kernel.group import Contact, Group, Storey
-from pounding_sweep.kernel.lanes import maximum, where
 from pounding_sweep.kernel.peaks import Motion
 from pounding_sweep.kernel.spec import KernelSpec, Slots, result_slots
+from pounding_sweep.lanes import maximum, where
 from pounding_sweep.model.meeting import column_shares
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants
