@@ -16,7 +16,7 @@ from scenes import EVERY, call, pair
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy import tradeoff as module
-from pounding_sweep.accuracy.tradeoff import draw, measure, summarise, table_of, tradeoff
+from pounding_sweep.accuracy.tradeoff import draw, measure, plan_trial, summarise, table_of, tradeoff
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import FIGURES, plot
 from pounding_sweep.kernel.spec import LANES
@@ -200,8 +200,8 @@ def test_a_diverged_scenario_has_an_infinite_error_and_is_never_on_the_front():
 
 def measured_of(sweep):
     axes = {"scheme": ["rk4"], "located": [True], "precision": ["float64"], "step": [2e-3, 1e-3]}
-    sizes = {"scenarios": 6, "seed": 0, "repeats": 1, "workers": 1}
-    return measure(sweep.spec, axes, choices=(), progress=Progress(), **sizes)
+    trial = plan_trial(sweep.spec, axes, choices=(), scenarios=6, seed=0)
+    return measure(trial, repeats=1, workers=1, progress=Progress())
 
 
 @pytest.fixture(scope="module")

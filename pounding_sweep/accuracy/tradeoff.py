@@ -199,11 +199,64 @@ def fixed_settings(spec: SweepSpec, axes: Mapping[str, Sequence[Any]]) -> list[S
     ]
 
 
-def measure_errors(
-    plan: Plan, rows: np.ndarray, settings: Sequence[Setting], reference: Numerics, progress: Progress
-) -> dict[str, Any]:
+class Trial(NamedTuple):
+    """The settings to be measured, and the scenarios and the converged solution by which."""
+
+    spec: SweepSpec
+    plan: Plan  # of the sweep at the finest step
+    sample: TradeSample
+    settings: Sequence[Setting]
+    own: Setting | None  # the sweep's own, where a run accepts it
+    reference: Numerics  # those of the converged solution
+
+    @property
+    def table(self) -> Scenarios:
+        """Scenarios that errors are measured on."""
+        return self.plan.unique[self.sample.rows]
+
+    def kernels(self) -> list[RowKernel]:
+        """Return all kernels that run."""
+        kernels = [kernel for setting in self.settings for kernel in setting.kernels.values()]
+        doubles = [kernel.in_double for kernel in kernels if kernel.accuracy is not None]
+        return [*fixed_setting(self.plan, self.table, self.reference).kernels.values(), *kernels, *doubles]
+
+
+def plan_trial(
+    spec: SweepSpec, axes: Mapping[str, Sequence[Any]], choices: Iterable[SweepSpec], scenarios: int, seed: int
+) -> Trial:
+    """Draw the scenarios of a trade and collect the settings that they run in."""
+    if not comparable(spec.outputs):
+        raise InputError(
+            f"the outputs {', '.join(spec.outputs)} have no error; ask for others, such as impact_force_max"
+        )
+    finest = axes["step"][-1]
+    plan = make_plan(replace(spec, method="rk4", dt=finest, locate=True, precision="float64", accuracy=None))
+    sample = draw(plan, scenarios, seed)
+    stable = REFERENCE_SHARE * float(plan.limit[sample.touching].min())
+    exact = (name for name in SCHEMES if SCHEMES[name].flies_exactly and SCHEMES[name].refuses(spec.scene) is None)
+    method = next(exact, "rk4")
+    finer = REFINEMENT if SCHEMES[method].flies_exactly else 1.0  # than steps alone make it
+    reference = replace(plan.numerics, method=method, dt=min(finest / REFINEMENT, stable), refinement=finer)
+    laws = [int(plan.unique.law[rows[0]]) for rows in sample.timed]
+    chosen = (replace(one, method=None, locate=True, precision=None) for one in choices)
+    own, *others = (make_setting(one, sample.touching, laws) for one in (spec, *chosen, *fixed_settings(spec, axes)))
+    settings = list({one.label: one for one in (*others, own) if one}.values())
+    if not settings:
+        raise InputError("a run refuses every setting that was to be measured; give smaller steps")
+    return Trial(spec, plan, sample, settings, own, reference)
+
+
+def measure(trial: Trial, *, repeats: int, workers: int | None, progress: Progress) -> xr.Dataset:
+    """Run the scenarios of a trial in every setting: errors and costs, not summed up yet."""
+    prepare_kernels(trial.kernels(), workers, progress)
+    data = measure_errors(trial, progress) | measure_costs(trial, repeats, progress)
+    return xr.Dataset(data, _coordinates(trial), _attributes(trial))
+
+
+def measure_errors(trial: Trial, progress: Progress) -> dict[str, Any]:
     """Run scenarios in each setting, and compare them with their converged solution."""
-    outputs, table, n = comparable(plan.spec.outputs), plan.unique[rows], len(rows)
+    plan, table, settings, reference = trial.plan, trial.table, trial.settings, trial.reference
+    outputs, n = comparable(plan.spec.outputs), len(table)
 
     def run(part: Scenarios, setting: Setting, steps: np.ndarray) -> Values:
         values = run_rows(plan, part, setting, steps, plan.spec.outputs)
@@ -220,7 +273,7 @@ def measure_errors(
     checked, moved = (run(part, twice, twice.steps) for part in (rounded, changed(table)))
     reference_error = _errors(outputs, checked, converged)
     progress.stage("comparisons", len(settings) * n)
-    ran = [run(table, setting, setting.steps[rows]) for setting in settings]
+    ran = [run(table, setting, setting.steps[trial.sample.rows]) for setting in settings]
     errors = np.stack([_errors(outputs, values, converged) for values in ran], axis=-1)
     errors[np.isnan(reference_error)] = np.nan
     statuses = np.stack([values["status"] for values in ran], axis=-1).astype(np.int8)
@@ -232,71 +285,37 @@ def measure_errors(
     }
 
 
-def measure_costs(
-    plan: Plan, sample: TradeSample, settings: Sequence[Setting], repeats: int, progress: Progress
-) -> dict[str, Any]:
+def measure_costs(trial: Trial, repeats: int, progress: Progress) -> dict[str, Any]:
     """Time each setting in turn, and weigh its laws as the sweep has them."""
-    seconds = np.full((len(sample.timed), len(settings), repeats), np.nan)
+    plan, (_, timed, touching), settings = trial.plan, trial.sample, trial.settings
+    seconds = np.full((len(timed), len(settings), repeats), np.nan)
     progress.stage("costs", repeats * len(settings))
     for repeat, (i, setting) in product(range(repeats), enumerate(settings)):
-        for j, rows in enumerate(sample.timed):
+        for j, rows in enumerate(timed):
             started = time.thread_time()
             run_rows(plan, plan.unique[rows], setting, setting.steps[rows], plan.spec.outputs)
             seconds[j, i, repeat] = (time.thread_time() - started) / len(rows)
         progress.advance(1)
-    of_laws = [sample.touching & (plan.unique.law == plan.unique.law[rows[0]]) for rows in sample.timed]
+    of_laws = [touching & (plan.unique.law == plan.unique.law[rows[0]]) for rows in timed]
     # of the sweep's mix of laws, by the mean length of their records
     durations = np.array([record.duration for record in plan.spec.records])[plan.unique.record]
-    lengths = [durations[rows].mean() / durations[timed[0]] for rows, timed in zip(of_laws, sample.timed, strict=True)]
+    lengths = [durations[rows].mean() / durations[first] for rows, (first, *_) in zip(of_laws, timed, strict=True)]
     best, median = (1e3 * s.T * np.array(lengths) for s in (seconds.min(axis=-1), np.median(seconds, axis=-1)))
-    shares = np.mean(of_laws, axis=1) / sample.touching.mean()
+    shares = np.mean(of_laws, axis=1) / touching.mean()
     costs = {"cost": best @ shares, "cost_median": median @ shares}
     return {"law_cost": (("law", "setting"), best.T), **{name: (("setting",), cost) for name, cost in costs.items()}}
 
 
-def measure(
-    spec: SweepSpec,
-    axes: Mapping[str, Sequence[Any]],
-    *,
-    choices: Iterable[SweepSpec],
-    scenarios: int,
-    seed: int,
-    repeats: int,
-    workers: int | None,
-    progress: Progress,
-) -> xr.Dataset:
-    """Run a sample of a sweep's scenarios in every setting: errors and costs, not summed up yet."""
-    if not comparable(spec.outputs):
-        raise InputError(
-            f"the outputs {', '.join(spec.outputs)} have no error; ask for others, such as impact_force_max"
-        )
-    finest = axes["step"][-1]
-    plan = make_plan(replace(spec, method="rk4", dt=finest, locate=True, precision="float64", accuracy=None))
-    sample = draw(plan, scenarios, seed)
-    laws = [int(plan.unique.law[rows[0]]) for rows in sample.timed]
-    stable = REFERENCE_SHARE * float(plan.limit[sample.touching].min())
-    exact = (name for name in SCHEMES if SCHEMES[name].flies_exactly and SCHEMES[name].refuses(spec.scene) is None)
-    method = next(exact, "rk4")
-    finer = REFINEMENT if SCHEMES[method].flies_exactly else 1.0  # than steps alone make it
-    reference = replace(plan.numerics, method=method, dt=min(finest / REFINEMENT, stable), refinement=finer)
-    chosen = (replace(one, method=None, locate=True, precision=None) for one in choices)
-    own, *others = (make_setting(one, sample.touching, laws) for one in (spec, *chosen, *fixed_settings(spec, axes)))
-    settings = list({one.label: one for one in (*others, own) if one}.values())
-    if not settings:
-        raise InputError("a run refuses every setting that was to be measured; give smaller steps")
-    kernels = [kernel for one in settings for kernel in one.kernels.values()]
-    doubles = [kernel.in_double for kernel in kernels if kernel.accuracy is not None]
-    references = fixed_setting(plan, plan.unique[sample.rows], reference).kernels.values()
-    prepare_kernels([*references, *kernels, *doubles], workers, progress)
-    data = measure_errors(plan, sample.rows, settings, reference, progress)
-    data |= measure_costs(plan, sample, settings, repeats, progress)
-
-    intervals, among = np.array([record.dt for record in spec.records]), sample.touching
+def _coordinates(trial: Trial) -> dict[str, Any]:
+    """Say what the settings of a trade are, and label its scenarios."""
+    spec, plan, settings = trial.spec, trial.plan, trial.settings
+    rows, touching = trial.sample.rows, trial.sample.touching
+    intervals = np.array([record.dt for record in spec.records])
     least = np.full((len(intervals), len(settings)), np.iinfo(np.int32).max)
     for column, setting in zip(least.T, settings, strict=True):
-        np.minimum.at(column, plan.unique.record[among], setting.steps[among])
+        np.minimum.at(column, plan.unique.record[touching], setting.steps[touching])
     numbers = np.array([(one.numerics.locate, one.accuracy, one.numerics.dt) for one in settings]).T
-    coordinates = {
+    return {
         "setting": [one.label for one in settings],
         "scheme": ("setting", [one.numerics.method for one in settings]),
         "located": ("setting", numbers[0].astype(np.int8)),
@@ -306,21 +325,25 @@ def measure(
         "time_step": (("record", "setting"), intervals[:, None] / least),
         "output": list(comparable(spec.outputs)),
         "status": [s.label for s in STATUS],
-        "law": [plan.laws[law].key for law in laws],
+        "law": [plan.laws[plan.unique.law[timed[0]]].key for timed in trial.sample.timed],
         "record": [record.name for record in spec.records],
         "pair": list(spec.scene.pair_labels),
-        "scenario": np.arange(1, len(sample.rows) + 1),
-        **listed_coordinates(plan, sample.rows, "scenario", "scenario_"),
+        "scenario": np.arange(1, len(rows) + 1),
+        **listed_coordinates(plan, rows, "scenario", "scenario_"),
     }
-    state = diagnose()
+
+
+def _attributes(trial: Trial) -> dict[str, Any]:
+    """Where a trade comes from: sweep, converged solution, machine."""
+    spec, reference, state = trial.spec, trial.reference, diagnose()
     machine = {name: state["processor"][name] for name in ("name", "vector_bits", "lanes_per_kernel", "cores")}
-    attributes = {
+    return {
         **global_attributes(f"Speed-accuracy trade: {spec.title or 'sweep of seismic pounding of adjacent buildings'}"),
         KIND_ATTRIBUTE: KIND,
-        "own_setting": own.label if own else "",
-        "sample_scenarios": len(sample.rows),
-        "touching_scenarios": int(among.sum()),
-        "unique_scenarios": len(plan.unique),
+        "own_setting": trial.own.label if trial.own else "",
+        "sample_scenarios": len(trial.sample.rows),
+        "touching_scenarios": int(trial.sample.touching.sum()),
+        "unique_scenarios": len(trial.plan.unique),
         "reference": f"{reference.method}, located, {reference.precision}",
         "reference_step": reference.dt,
         "resolution_factor": RESOLUTION,
@@ -331,10 +354,7 @@ def measure(
         "sweep": to_json(spec),
         "sweep_sha256": digest(spec),
         **{f"{name}_version": version for name, version in library_versions().items()},
-        "seed": seed,
-        "repeats": repeats,
     }
-    return xr.Dataset(data, coordinates, attributes)
 
 
 def _errors(outputs: Sequence[str], values: Values, reference: Values) -> np.ndarray:
@@ -484,9 +504,10 @@ def tradeoff(
         "precision": _chosen("precision", precisions, PRECISIONS),
         "step": _distinct_steps(sweep.spec, steps),
     }
-    sizes = {"scenarios": scenarios, "seed": seed, "repeats": repeats}
-    progress, choices = progress or Progress(), [with_accuracy(sweep.spec, accuracy) for accuracy in accuracies]
-    return summarise(measure(sweep.spec, axes, choices=choices, workers=workers, progress=progress, **sizes))
+    choices = [with_accuracy(sweep.spec, accuracy) for accuracy in accuracies]
+    trial = plan_trial(sweep.spec, axes, choices, scenarios, seed)
+    measured = measure(trial, repeats=repeats, workers=workers, progress=progress or Progress())
+    return summarise(measured.assign_attrs(seed=seed, repeats=repeats))
 
 
 def _chosen(kind: str, requested: Iterable[str], valid: Sequence[str]) -> tuple[str, ...]:
