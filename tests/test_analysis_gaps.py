@@ -508,7 +508,7 @@ def test_rows_that_yield_without_what_is_needed(change, settings, said):
     [
         ({"probabilities": [0.0]}, r"probabilities: 0 is not in \(0, 1\)"),
         ({"levels": [1.0]}, "not of what; add intensity='pga'"),
-        ({"intensity": "pga", "levels": [-1.0]}, r"intensities \(m s-2\): -1 is not in \(0, inf\)"),
+        ({"intensity": "pga", "levels": [-1.0]}, r"levels: -1 is not in \(0, inf\)"),
         ({"intensity": "sv"}, "unknown intensity 'sv'"),
         ({"hazard": "k0=1,kappa=1", "years": 0.0}, r"years: 0 is not in \(0, inf\)"),
         ({"hazard": "pgv (m/s)"}, "site.csv is of pgv by its heading, the intensity is pga"),

@@ -72,7 +72,7 @@ def test_comparisons_take_one_number_one_name_and_per_cent():
     some = analysis.fractiles(cube, outputs=["drift_max"], quantiles=[0.5])
     for quantiles in (0.5, "50%", np.float64(0.5), ["50 %"]):
         assert analysis.fractiles(cube, outputs="drift_max", quantiles=quantiles).identical(some)
-    with pytest.raises(InputError, match="quantiles is 'half'; give a number or several"):
+    with pytest.raises(InputError, match="quantiles: 'half'; give a number in"):
         analysis.fractiles(cube, quantiles="half")
 
 

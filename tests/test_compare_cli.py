@@ -186,7 +186,7 @@ def test_a_table_has_no_column_that_is_the_same_in_all_rows(tmp_path):
             for text, said in (
                 ("1", "probabilities: 1 is not in (0, 1)"),
                 ("0%", "probabilities: 0 is not in (0, 1)"),
-                ("one", "'one' is no number; give one, such as 0.01, or 1%"),
+                ("one", "probabilities: ['one']; give a number in (0, 1), or a list of one or more"),
             )
         ),
         ("--q left", "factor q ['left']: give one number, or BUILDING=NUMBER for each"),

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -287,21 +287,6 @@ def hazard_of(curve: FilePath | Hazard, units: str | None = None) -> Hazard:
         return site
     factor, metric = _unit(units, "hazard", "")
     return replace(site, intensity=tuple(factor * x for x in site.intensity), units=metric, own_unit=(units, factor))
-
-
-def check_measure(site: Hazard, intensity: str, periods: Callable[[str], Collection[float]]) -> None:
-    """Raise `InputError` where the curve is headed with another intensity; `periods` gives those of a name."""
-    measure = site.measure
-    spectral = measure.startswith("sa") and intensity.startswith("sa")
-    if measure in ("", intensity) or (measure == "sa" and spectral):
-        return
-    if spectral and np.allclose(list(periods(intensity)), float(measure[3:-1]), rtol=0.01):
-        return
-    name = "sa(PERIOD)" if measure == "sa" else measure
-    raise InputError(
-        f"the hazard {site.source} is of {measure} by its heading, the intensity is {intensity}; "
-        f"name the curve's own intensity (--intensity {name!r}), or give a curve of {intensity}"
-    )
 
 
 def _unit(text: str, place: str, heading: str) -> tuple[float, str]:

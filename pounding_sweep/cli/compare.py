@@ -9,7 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.analysis.comparisons import COMPARISONS, EVENTS, MOTION_DIMS, Row, compared, get_event, table_rows
+from pounding_sweep.analysis.comparisons import (
+    COMPARISONS,
+    EVENTS,
+    INTERVALS,
+    MOTION_DIMS,
+    Row,
+    compared,
+    get_event,
+    table_rows,
+)
 from pounding_sweep.base.errors import InputError, check_choice
 from pounding_sweep.base.text import finite, number_text, print_json, print_pairs, print_table, terminal_width
 from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, axis_values, command, flag, option, output, say
@@ -26,8 +35,6 @@ _FLAGS = {"quantiles": "quantile", "probabilities": "probability", "levels": "gi
 _FACTORS = ("cd", "importance", "q", "r")
 #: Options that are for every comparison, or part of another one.
 _COMMON = ("cube", "what", "out", "overwrite", "at", "over", "hazard_units", *_FACTORS)
-#: Options that are numbers, and where they must lie.
-_INTERVALS = {"quantiles": "[0, 1]", "probabilities": "(0, 1)", "years": "(0, inf)", "levels": "(0, inf)"}
 
 
 @dataclass
@@ -79,7 +86,6 @@ class CompareOptions:
         from pounding_sweep.analysis.hazard import hazard_of
         from pounding_sweep.analysis.rebuild import check_intensity
         from pounding_sweep.analysis.scenarios import numbers_in
-        from pounding_sweep.base.text import read_share
         from pounding_sweep.output.netcdf import check_output
 
         keys = list(dict.fromkeys(self.what or COMPARISONS))
@@ -91,8 +97,6 @@ class CompareOptions:
         arguments = {name: value for name, value in options.items() if name not in _COMMON}
         if factors := {name: options[name] for name in _FACTORS if name in options}:
             arguments["behaviour"] = read_factors(factors)
-        if self.probabilities:
-            arguments["probabilities"] = [read_share(text) for text in self.probabilities]
         for name, value in arguments.items():
             # tables of most comparisons have fractiles and intensities; the latter may need records
             tables = name in ("quantiles", "intensity") or (name == "folders" and self.intensity is not None)
@@ -103,8 +107,8 @@ class CompareOptions:
                     f"--{flag} is for the comparison{'s' * (len(takers) > 1)} {of}; leave it out, or add "
                     f"--what {takers[0]}"
                 )
-            if name in _INTERVALS:
-                numbers_in(_INTERVALS[name], value, name)
+            if name in INTERVALS:
+                numbers_in(INTERVALS[name], value, name)
         if self.hazard is None and (self.years is not None or self.hazard_units is not None):
             flag = "--hazard-units" if self.years is None else "--years"
             raise InputError(f"{flag} are those of a hazard; add --hazard, or leave them out")

@@ -12,10 +12,9 @@ from dataclasses import KW_ONLY, dataclass, field
 from functools import wraps
 from importlib import import_module
 from inspect import signature
-from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from pounding_sweep.base.errors import InputError, check_choice, checked_arguments, repr_short
+from pounding_sweep.base.errors import InputError, check_choice, checked_arguments
 from pounding_sweep.base.text import counts_text, finite, read_share
 
 if TYPE_CHECKING:
@@ -174,17 +173,21 @@ COMPARISONS: dict[str, Comparison] = {
 }
 
 
+#: Arguments of comparisons that are numbers, and where they must lie.
+INTERVALS = {"quantiles": "[0, 1]", "probabilities": "(0, 1)", "curve": "(0, 1)", "confidence": "(0, 1)"} | {
+    "years": "(0, inf)",
+    "levels": "(0, inf)",
+}
+
+
 def _as_annotated(value: Any, kind: str, name: str) -> Any:
-    """Return an argument as its annotation has it: one number or name as a list of it, and "1%" as 0.01."""
-    if value is None or not kind.startswith(("float", "Sequence[float]", "Sequence[str]", "Iterable[str]")):
-        return value
-    if "[str]" in kind:
-        return [value] if isinstance(value, str) else value
+    """Return an argument as its annotation has it: a name as a list of it, numbers in their interval, "1%" as 0.01."""
+    from pounding_sweep.analysis.scenarios import numbers_in
+
+    if value is None or name not in INTERVALS:
+        return [value] if isinstance(value, str) and "[str]" in kind else value
     single = kind.startswith("float")
-    try:
-        numbers = [read_share(item) for item in ([value] if isinstance(value, str | Real) or single else value)]
-    except (TypeError, ValueError):
-        raise InputError(f"{name} is {repr_short(value)}; give a number{' or several' * (not single)}") from None
+    numbers = numbers_in(INTERVALS[name], [value] if single else value, name).tolist()
     return numbers[0] if single else numbers
 
 

@@ -24,7 +24,7 @@ from pounding_sweep.analysis.comparisons import (
     over_text,
     plain_rows,
 )
-from pounding_sweep.analysis.hazard import Hazard, check_measure, hazard_of, log_normal_share
+from pounding_sweep.analysis.hazard import Hazard, hazard_of, log_normal_share
 from pounding_sweep.analysis.rebuild import intensity_of, own_intensity, periods_of
 from pounding_sweep.analysis.scenarios import (
     described,
@@ -271,9 +271,19 @@ def check_site(
     site: Hazard, cube: xr.Dataset, intensity: str | xr.DataArray | None, strength: xr.DataArray
 ) -> dict[str, Any]:
     """Return what is said of a hazard, which must be of the intensity that is asked for."""
-    units = strength.attrs["units"]
+    units, measure = strength.attrs["units"], site.measure
     if not isinstance(intensity, xr.DataArray):
-        check_measure(site, intensity or own_intensity(cube), lambda name: periods_of(cube, name).values())
+        intensity = intensity or own_intensity(cube)
+        same = measure in ("", intensity)
+        if measure.startswith("sa") and intensity.startswith("sa") and not same:  # perhaps called by another period
+            periods = list(periods_of(cube, intensity).values())
+            same = measure == "sa" or np.allclose(periods, float(measure[3:-1]), rtol=0.01)
+        if not same:
+            name = "sa(PERIOD)" if measure == "sa" else measure
+            raise InputError(
+                f"the hazard {site.source} is of {measure} by its heading, the intensity is {intensity}; "
+                f"name the curve's own intensity (--intensity {name!r}), or give a curve of {intensity}"
+            )
     if site.units not in ("", units):
         raise InputError(
             f"the hazard {site.source} is of {site.units}, the intensity in {units}; give one of that intensity"
@@ -357,8 +367,6 @@ def fragility(
 
     about, level = get_event(event, level)
     what = f"the fragility of {event!r}"
-    if confidence is not None:
-        numbers_in("(0, 1)", confidence, "confidence (None for no intervals)")
     if len(quantiles):
         numbers_in("(0, 1)", quantiles, "quantiles of a fragility")
     if about.per == "pair":
@@ -380,7 +388,7 @@ def fragility(
     at = np.union1d(*(space(x.max() / LEVELS, x.max(), LEVELS)[:-1] for space in (np.linspace, np.geomspace)))
     at = np.append(at, x.max())
     if levels is not None:
-        at = numbers_in("(0, inf)", levels, f"levels ({units})")
+        at = np.asarray(levels)
     cache: dict[bytes, tuple[np.ndarray, ...]] = {}  # many tables are the same: some laws ignore some axes
 
     def fit(tables: np.ndarray) -> tuple[np.ndarray, ...]:

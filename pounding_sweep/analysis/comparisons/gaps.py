@@ -27,7 +27,6 @@ from pounding_sweep.analysis.scenarios import (
     described,
     fell,
     labelled,
-    numbers_in,
     peak_displacement,
     values,
 )
@@ -480,22 +479,10 @@ def gap_for_probability(
 
     Notes
     -----
-    With m and s the mean and standard deviation of ln g over n records, and z the normal quantile of 1 - p, the gap is
-    exp(m + z s), and its interval exp(m + t s / sqrt(n)), exact for a lognormal, t of Student's noncentral distribution
-    with n - 1 degrees of freedom and noncentrality z sqrt(n). As for every required gap, all pairs must have theirs.
-
-    A gap g touches from intensity x = g / r on, r the required gap per intensity of a record. The annual rate of a
-    touch is the mean of the hazard at these x: of the records' own for what is observed, of their lognormal else. Its
-    intervals are generalised ones (Krishnamoorthy & Mathew 2003, J. Stat. Plan. Inference 115, 103-121): fractiles over
-    m + Z s' / sqrt(n) and s' = s sqrt((n - 1) / C), Z normal and C chi-square distributed with n - 1 degrees of
-    freedom. They are of the records alone: the hazard is taken as it is.
-
-    Of a row that yields the rate is that by the fragility of the touch with each gap of the cube, all of one
-    dispersion, with its interval; a building that fell counts as touching. The gap is interpolated between these,
-    straight in logarithms. ``rate`` is then along ``gap_number``, of ``row_gap``, and missing where more than half of
-    it stems from intensities that were not run. Where the gaps do not reach the probability, ``gap_in_years`` is
-    missing, ``more_than`` or ``less_than`` is the last known gap, and the attribute ``answer`` says what to add to the
-    sweep.
+    As for every required gap, all pairs must have theirs. Formulas, intervals and their sources: "Gap for a probability
+    of pounding" in ``docs/comparisons.md``. Of a row that yields with a hazard, the answers are those of
+    `pounding_sweep.analysis.comparisons.stripes.gaps_of_stripes`, and the attribute ``answer`` says what to add to the
+    sweep where its gaps do not reach a probability.
 
     Examples
     --------
@@ -505,9 +492,6 @@ def gap_for_probability(
     >>> gap_for_probability(gaps, [0.5]).gap.round(6).values.tolist()
     [[0.02]]
     """
-    numbers_in("(0, 1)", probabilities, "probabilities")
-    numbers_in("(0, 1)", confidence, "confidence")
-    numbers_in("(0, inf)", years, "years")
     site = None if hazard is None else hazard_of(hazard)
     if site is not None and _row_yields(cube):
         if levels is not None or behaviour is not None:
@@ -546,9 +530,7 @@ def gap_for_probability(
         exact = _per_intensity(exact, strength, cube)
         middles = np.atleast_1d(strength.median("record").values)
         at = sorted({float(f"{x:.12g}") for x in middles.tolist() if x > 0.0})
-        if levels is not None:
-            at = numbers_in("(0, inf)", levels, f"intensities ({units})").tolist()
-        level = labelled("intensity", at, name, units)
+        level = labelled("intensity", at if levels is None else levels, name, units)
     elif levels is not None:
         raise InputError(
             "intensities are given, but not of what; add intensity='pga', or another measure (--intensity)"

@@ -22,7 +22,6 @@ from pounding_sweep.analysis.scenarios import (
     law_keys,
     long_name,
     need_variables,
-    numbers_in,
     of_law,
     peak_displacement,
     pounding_only,
@@ -233,7 +232,6 @@ def impacts(
     >>> statistics.touching_share.item(), statistics.impact_count_fractiles.item()
     (0.75, 2.0)
     """
-    numbers_in("[0, 1]", quantiles, "quantiles")
     cube = pounding_only(cube)
     dims = scenario_dims(cube)
     together = [dim for dim in dims if dim != "law"] if over is None else list(over)
@@ -362,13 +360,14 @@ def energy_transfer(energies: Mapping[Any, xr.DataArray]) -> xr.DataArray:
 #: Lower, median and upper fractile of a suite: a normal variable's mean and one standard deviation to each side.
 QUANTILES = (0.16, 0.5, 0.84)
 #: Results that are no response.
-_NO_RESPONSES = {*(name for name, variable in VARIABLES.items() if variable.always), "energy_residual", "time_step"}
-_NO_RESPONSES |= {"collapse_time", "collapsed_storey"}
+NO_RESPONSES = {*(name for name, variable in VARIABLES.items() if variable.always), "energy_residual", "time_step"}
+NO_RESPONSES.add("collapse_time")
 
 
 def responses_of(cube: xr.Dataset, what: str, outputs: Iterable[str] | None) -> list[str]:
     """Return the variables that are asked for, by default those that are responses of scenarios."""
-    responses = [name for name in VARIABLES if name in cube.data_vars and name not in _NO_RESPONSES]
+    but = {*NO_RESPONSES, "collapsed_storey"}
+    responses = [name for name in VARIABLES if name in cube.data_vars and name not in but]
     return responses if outputs is None else need_variables(cube, what, outputs)
 
 
@@ -413,7 +412,6 @@ def fractiles(
     >>> fractiles(cube, [0.5]).drift_max_fractiles.values.tolist()
     [0.02]
     """
-    numbers_in("[0, 1]", quantiles, "quantiles")
     check_needs(cube, "taking fractiles", several=[dim])
     result: dict[str, xr.DataArray] = {}
     for name in responses_of(cube, "taking fractiles", outputs):
@@ -499,7 +497,6 @@ def incremental(
     >>> curves.drift_max_fractiles.round(4).values.tolist()
     [[0.0275]]
     """
-    numbers_in("[0, 1]", quantiles, "quantiles")
     scaled = next(dim for dim in DIMENSIONS["scale"] if dim in cube.dims)
     names = responses_of(cube, "an incremental curve", outputs)
     strength = intensity_of(cube, intensity, records=records, folders=folders)
@@ -515,7 +512,7 @@ def incremental(
     shared = tried[((low <= tried) & (tried <= high)).mean(axis=0) >= 0.5]
     span = shared if shared.size else tried
     if levels is not None:
-        at = numbers_in("(0, inf)", levels, f"levels ({units})")
+        at = np.asarray(levels)
     elif len(ways) == 1 and np.allclose(x, x[0], rtol=ROUND_OFF, atol=0.0):
         at = np.sort(x[0])
     else:

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.analysis.comparisons import Row, comparison, plain_rows
+from pounding_sweep.analysis.comparisons.responses import NO_RESPONSES
 from pounding_sweep.analysis.rebuild import stored_sweep
 from pounding_sweep.analysis.scenarios import (
     NO_POUNDING,
@@ -27,9 +28,6 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.request.design import Design, design_of
 from pounding_sweep.variables.registry import INNER_DIMS, VARIABLES
 
-#: Outputs that say how a scenario was run, or are missing where nothing touches: given where they are asked for only.
-_ASIDE = {"time_step", "error_estimate", "energy_residual", "first_impact_time", "collapse_time"}
-_ASIDE |= {name for name, variable in VARIABLES.items() if variable.always}
 #: Times that the points are drawn anew for an interval.
 RESAMPLES = 1000
 #: Fewer points with a value in every block give no indices.
@@ -103,11 +101,12 @@ def sensitivity(
     See `pounding_sweep.analysis.comparisons.sensitivity.sobol_indices` for the estimators. A point of which one of the
     ``inputs + 2`` scenarios has no value is left out as a whole.
     """
-    numbers_in("(0, 1)", confidence, "confidence")
     numbers_in("[1, inf)", resamples, "resamples")
     valid = [str(name) for name in cube.data_vars if name in VARIABLES]
-    default = [name for name in valid if name not in _ASIDE]
-    names = chosen_variables(cube, "a sensitivity", variables, default if variables is None else valid, "output")
+    if variables is None:  # the time of the first touch is missing where nothing touches
+        aside = {*NO_RESPONSES, "error_estimate", "first_impact_time"}
+        variables = [name for name in valid if name not in aside]
+    names = chosen_variables(cube, "a sensitivity", variables, valid, "output")
     if "case" not in cube.dims:
         return _shares(pounding_only(cube) if {*law_keys(cube)} - {NO_POUNDING} else cube, names)
     design, labels, rows = _groups(cube)
