@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
 import figure_data as made
 import numpy as np
 import pytest
 import xarray as xr
 from scenes import scene_of_case
+from test_cli import cli
 
 import pounding_sweep as ps
+from pounding_sweep.analysis.rebuild import stored_spec
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.request.axes import Case
 from pounding_sweep.request.build import build_spec
+from pounding_sweep.request.spec import to_json
+from pounding_sweep.request.toml import load_spec
 from pounding_sweep.run.histories import instants_in_contact, peaks_shown
 from pounding_sweep.run.simulate import scenario_of, simulate_one, simulate_shown
 
@@ -170,3 +178,54 @@ def test_choices_are_checked(asked, choice, text):
     assert not asked
     simulate_one(spec, stiffness=0.0)  # not the scene's: which `simulate` refuses
     assert asked[-1][1]["stiffness"] == 0.0
+
+
+def shipped():
+    return sorted((Path(__file__).parent.parent / "sweeps").glob("*.toml"))
+
+
+@pytest.mark.parametrize("path", shipped(), ids=lambda path: path.stem)
+def test_a_cube_carries_its_whole_sweep(path, stub_engine):
+    """Rows, bumpers, laws of one's own, cases, axes and settings; of a design its cases."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        spec = replace(load_spec(path), design=None)
+    assert stored_spec(xr.Dataset(attrs={"sweep": to_json(spec)})) == spec
+
+
+def test_only_the_record_of_the_scenario_is_looked_for(tmp_path):
+    """By its digest in a folder, whatever its file is called there; another motion of that name is refused."""
+    motion = 0.01 * np.sin(np.arange(200.0))
+    shaking = [ps.Record(name, dt=0.01, acceleration=factor * motion) for name, factor in (("A", 1.0), ("B", 2.0))]
+    cases = [{"law": "linear", "gap": 0.01, "record": name} for name in "AB"]
+    product = build_spec(scene=made.scene(), records=shaking, laws="linear")
+    listed = build_spec(scene=made.scene(), records=shaking, cases=cases)
+    folder = tmp_path / "records"
+    folder.mkdir()
+    text = "time (s),acceleration (m/s2)\n" + "".join(f"{0.01 * i!r},{a!r}\n" for i, a in enumerate(motion.tolist()))
+    (folder / "mailed.csv").write_text(text)
+    for spec, choice in ((product, {"record": "A"}), (listed, {"case": 1})):
+        cube = xr.Dataset(attrs={"sweep": to_json(spec)})
+        assert stored_spec(cube, [folder], **choice).records == (shaking[0],)
+        with pytest.raises(InputError, match=r"'A' \(none of that name\).*--records FOLDER"):
+            stored_spec(cube, [], **choice)
+    with pytest.raises(InputError, match=r"'B' \(none of that name\)"):
+        stored_spec(xr.Dataset(attrs={"sweep": to_json(product)}), [folder])
+    (folder / "B.csv").write_text(text)
+    with pytest.raises(InputError, match=r"'B' \(the record found by that name is another motion\)"):
+        stored_spec(xr.Dataset(attrs={"sweep": to_json(product)}), [folder], record="B")
+    with pytest.raises(InputError, match="record of this cube 'C'"):
+        stored_spec(xr.Dataset(attrs={"sweep": to_json(product)}), [folder], record="C")
+
+
+def test_a_cube_replays_its_scenarios(tmp_path, stub_engine):
+    """As the sweep file does, which who gets a cube does not have."""
+    sweep, cube, one, other = (tmp_path / name for name in ("s.toml", "cube.nc", "one.nc", "other.nc"))
+    cli("init", sweep)
+    cli("run", sweep, "-o", cube, "--law", "linear", "--law", "hertz")
+    choice = ("--at", "law=hertz", "--at", "gap=0.004", "--at", "stiffness_factor=2.0", "--at", "record=el_centro")
+    cli("simulate", cube, *choice, "-o", one)
+    cli("simulate", sweep, *choice, "-o", other)
+    with ps.open_cube(one) as of_cube, ps.open_cube(other) as of_file:
+        assert (of_cube.attrs["law"], of_cube.attrs["scenario"]) == ("hertz", of_file.attrs["scenario"])
+        xr.testing.assert_equal(of_cube, of_file)

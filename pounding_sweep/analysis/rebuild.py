@@ -27,13 +27,13 @@ from pounding_sweep.analysis.scenarios import (
     without_pounding,
 )
 from pounding_sweep.analysis.spectra import USUAL_DAMPING, response_spectrum
-from pounding_sweep.base.errors import InputError, RecordError
+from pounding_sweep.base.errors import InputError, RecordError, check_choice
 from pounding_sweep.model.meeting import CONTACTS
 from pounding_sweep.model.scene import Scene
-from pounding_sweep.records import RECORD_SETS, Record, find_record, record_measures, resolve_records
+from pounding_sweep.records import RECORD_SETS, Record, find_record, list_records, record_measures, resolve_records
 from pounding_sweep.records.synthetic import remade
 from pounding_sweep.request.axes import AXES, axes_of, case_of, plain_name
-from pounding_sweep.request.spec import scene_of
+from pounding_sweep.request.spec import SweepSpec, scene_of, spec_of
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.variables.registry import INNER_DIMS
@@ -55,6 +55,24 @@ def stored_sweep(cube: xr.Dataset) -> dict[str, Any]:
             "this cube does not carry its sweep (attribute 'sweep'), from which the row of buildings would be known; "
             "give a cube as 'pounding-sweep run' wrote it"
         ) from None
+
+
+def stored_spec(
+    cube: xr.Dataset, folders: Any = None, *, record: str | None = None, case: int | None = None
+) -> SweepSpec:
+    """Return the sweep of a cube; with a `record` or listed `case`, only that record is looked for.
+
+    Files in `folders` are looked through by digest first.
+    """
+    sweep = stored_sweep(cube)
+    listed = sweep["cases"] or []
+    if case is not None and 1 <= case <= len(listed):
+        record = listed[case - 1]["record"]
+    if record is not None:
+        check_choice("record of this cube", record, [entry["name"] for entry in sweep["records"]])
+        sweep["records"] = [entry for entry in sweep["records"] if entry["name"] == record]
+    files = list_records(folders) if folders else []
+    return spec_of(sweep, records_of(sweep, [item for _, item in files if isinstance(item, Record)], folders))
 
 
 def stored_scene(histories: xr.Dataset) -> Scene:
@@ -87,7 +105,8 @@ def records_of(sweep: Mapping[str, Any], offered: Iterable[Record] = (), folders
         more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
         raise InputError(
             f"{len(missing)} of the {len(sweep['records'])} records of this cube's sweep can't be found again: "
-            f"{', '.join(missing[:_NAMED])}{more}; give the folder of their files, or the records themselves"
+            f"{', '.join(missing[:_NAMED])}{more}; give the folder of their files (--records FOLDER), or the records "
+            "themselves"
         )
     return records
 

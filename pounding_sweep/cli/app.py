@@ -240,9 +240,9 @@ class SweepOptions:
 
 @dataclass
 class ScenarioOptions:
-    """Options that choose one scenario of a sweep."""
+    """Options that choose one scenario of a sweep, or of a cube, which carries its sweep."""
 
-    sweep: SweepFile
+    sweep: Path = argument("SWEEP.toml|CUBE.nc", "Sweep file, or a cube made by 'run'.", default=...)
     law: str | None = option("LAW", "Contact law, or FILE.py:NAME.")
     gap: float | None = option("M", "Gap of every pair (m).")
     stiffness: float | None = option(

@@ -252,7 +252,7 @@ def simulate_command(
     out: Path = output("ONE.nc", "netCDF file.", default=...),
     overwrite: Overwrite = False,
 ) -> None:
-    """Run one scenario of a sweep, the middle one by default, and write its histories."""
+    """Run one scenario of a sweep or a cube, the middle one by default, and write its histories."""
     from pounding_sweep.output.netcdf import check_output, write_cube
 
     check_output(out, overwrite)
@@ -275,7 +275,7 @@ def animate_command(
         "X", "Seconds of the record per second of the animation; by default such that it takes 6 s."
     ),
 ) -> None:
-    """Animate the row in one scenario of a sweep, by default round its strongest impact."""
+    """Animate the row in one scenario of a sweep or a cube, by default round its strongest impact."""
     from pounding_sweep.figures.gallery.scenario import animate, check_movie
     from pounding_sweep.output.netcdf import check_output
 
@@ -290,7 +290,9 @@ _CHOICES = ("law", "gap", "stiffness", "stiffness_factor", "restitution", "recor
 
 def _simulate(options: ScenarioOptions) -> xr.Dataset:
     """Run the chosen scenario; say which it is, and how fine its histories are."""
+    from pounding_sweep.analysis.rebuild import stored_spec
     from pounding_sweep.figures.select import scenario_title
+    from pounding_sweep.output.netcdf import open_cube
     from pounding_sweep.run.histories import peaks_shown
     from pounding_sweep.run.simulate import simulate_shown
     from pounding_sweep.run.sweep import load_sweep
@@ -300,7 +302,11 @@ def _simulate(options: ScenarioOptions) -> xr.Dataset:
         if choice.get(name) is not None:
             raise InputError(f"{name} is given twice, by --{name.replace('_', '-')} and by --at; leave one out")
         choice[name] = _value(name, values)
-    spec = load_sweep(options.sweep, skip_missing_records=options.skip_missing, folders=options.folders).spec
+    if options.sweep.suffix.lower() == ".nc":
+        with open_cube(options.sweep) as cube:
+            spec = stored_spec(cube, options.folders, record=choice["record"], case=choice["case"])
+    else:
+        spec = load_sweep(options.sweep, skip_missing_records=options.skip_missing, folders=options.folders).spec
     app.say_laws(spec.own_laws)
     histories = simulate_shown(spec, options.output_step, **choice)
     say(scenario_title(histories))

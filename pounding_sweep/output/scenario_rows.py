@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.model.laws import LAWS, Law
+from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.dataset import as_stored
 from pounding_sweep.output.netcdf import reading
 from pounding_sweep.request.axes import axes_of
-from pounding_sweep.request.spec import scene_of
+from pounding_sweep.request.spec import laws_of, scene_of
 from pounding_sweep.variables.registry import COPY, NOT_RUN, VARIABLES
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from pounding_sweep.model.laws import Law
     from pounding_sweep.plan.plan import Plan
 
 #: Shifts and pairs of odd factors by which each number changes all bits of a key (MurmurHash3 and SplitMix64).
@@ -94,9 +95,7 @@ def cube_columns(part: xr.Dataset, sweep: Mapping[str, Any], dims: Iterable[str]
 
     sizes = {dim: part.sizes[dim] for dim in dims}
     scene, law = scene_of(sweep["scene"]), part["law"]
-    laws = dict(LAWS)
-    for key, described in sweep.get("own_laws", {}).items():
-        laws[key] = Law(**{name: value for name, value in described.items() if name != "sha256"})
+    laws = LAWS | laws_of(sweep)
     first = next((key for key in sweep["laws"] if laws[key].has_contact), "")
     keys, index = np.unique(law.values, return_inverse=True)
 

@@ -22,7 +22,7 @@ from pounding_sweep.model.meeting import Contacts
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.records import STANDARD_GRAVITY, Record
-from pounding_sweep.request.axes import FACTOR_KINDS, Axis, AxisValues, Case
+from pounding_sweep.request.axes import FACTOR_KINDS, Axis, AxisValues, Case, axes_of, case_of
 from pounding_sweep.request.design import Design, Distribution
 from pounding_sweep.schemes import SCHEMES
 
@@ -216,6 +216,22 @@ def json_data(value: Any) -> Any:
 def scene_of(data: Mapping[str, Any]) -> Scene:
     """Return the row that JSON describes."""
     return Scene(**data)
+
+
+def laws_of(data: Mapping[str, Any]) -> dict[str, Law]:
+    """Return the laws by key that a sweep has beside those of the registry, as JSON describes them."""
+    described = data.get("own_laws", {}).items()
+    return {key: Law(**{name: value for name, value in law.items() if name != "sha256"}) for key, law in described}
+
+
+def spec_of(data: Mapping[str, Any], records: Iterable[Record]) -> SweepSpec:
+    """Return the sweep that `to_json` wrote, over these records; one that a design drew has its cases alone."""
+    read: dict[str, Any] = {name: data[name] for name in SweepSpec.__dataclass_fields__ if name in data}
+    for name in ("laws", "outputs", "records_left_out"):
+        read[name] = tuple(read[name])
+    read |= vars(axes_of(data)) | {"scene": scene_of(data["scene"]), "records": tuple(records), "design": None}
+    read |= {"cases": data["cases"] and tuple(map(case_of, data["cases"])), "own_laws": tuple(laws_of(data).values())}
+    return SweepSpec(**read)
 
 
 def to_json(spec: SweepSpec) -> str:
