@@ -17,7 +17,7 @@ from test_limits import At, stop
 from pounding_sweep.output.dataset import package_version
 from pounding_sweep.run import execute
 from pounding_sweep.run.execute import Progress
-from pounding_sweep.run.log import run_log
+from pounding_sweep.run.folder import run_log
 from pounding_sweep.run.sweep import load_sweep
 
 pytestmark = pytest.mark.usefixtures("stub_module")

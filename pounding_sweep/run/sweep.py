@@ -5,14 +5,12 @@ from __future__ import annotations
 import inspect
 import warnings
 from collections.abc import Iterable, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from pounding_sweep.base.errors import RecordError, RunError, SweepError, UnlikelyWarning, WriteError, repr_short
+from pounding_sweep.base.errors import RecordError, SweepError, UnlikelyWarning, WriteError, repr_short
 from pounding_sweep.base.files import FilePath, failure, replacing
 from pounding_sweep.base.text import counts_text, html_table
 from pounding_sweep.records import find_record
@@ -258,68 +256,29 @@ class Sweep:
         check: bool = False,
     ) -> CubeParts:
         """Run the sweep as `run` does, xarray not loaded; the cube has no values if these are in the file."""
-        from pounding_sweep.output.netcdf import check_output, check_space
+        from pounding_sweep.output.netcdf import check_output
         from pounding_sweep.plan.sanity import doubts_of
-        from pounding_sweep.resume import ChunkStore, identity_of, parts_folder
         from pounding_sweep.run.audit import audit
         from pounding_sweep.run.cube_writer import write_cube_of
-        from pounding_sweep.run.diagnosis import check_memory
         from pounding_sweep.run.execute import Dispatcher, Progress, check_scheduler, execute
-        from pounding_sweep.run.log import run_log
+        from pounding_sweep.run.folder import run_folder
         from pounding_sweep.run.reuse import EarlierCube
-        from pounding_sweep.variables.registry import Status
 
         n_workers = check_scheduler(scheduler, workers)
         target = None if out is None else check_output(out, overwrite)
-        plan, progress, store = self.plan(), progress or Progress(), None
+        plan = self.plan()
         earlier = None if extend is None else EarlierCube(extend, plan)
-        with ExitStack() as contexts:
-            if target is None:
-                check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of", "give an output file")
-            else:
-                store = ChunkStore(parts_folder(target), identity_of(plan), at_once=earlier is not None)
-                contexts.enter_context(store.lock())
-                check_output(target, overwrite)  # a run that ended just now may have made it
-                needed = (plan.n_asked + plan.n_unique) * plan.bytes_per_scenario
-                needed -= sum(store.path(key).stat().st_size for key in store.completed())
-                check_space(target.parent, needed, f"the cube of {plan.n_asked:,} scenarios, with its chunks,")
-                log = run_log(Path(f"{target}.log"), progress, plan, scheduler, n_workers)
-                progress = contexts.enter_context(log)
-            try:
-                with Dispatcher(scheduler, n_workers, progress) as dispatcher:
-                    outcome = execute(plan, dispatcher, store=store, earlier=earlier)
-                    self.last_outcome = outcome
-                    results, failures = outcome.results, outcome.failures
-                    without = np.isin(results.status, [Status.NOT_RUN, Status.BEYOND_STABILITY_LIMIT])
-                    if target is not None and target.exists() and failures and without.all():
-                        raise RunError(
-                            f"no scenario has a result, all {len(failures)} chunks failed ({failures[0]}): "
-                            f"{str(target)!r} stays as it was; see to what failed and run again"
-                        )
-                    self.last_audit = audit(plan, outcome, dispatcher, check)
-                progress.stage("cube", plan.n_asked)
-                cube = write_cube_of(plan, outcome, self.last_audit, progress, target, overwrite=overwrite)
-            except OSError as error:
-                if store is None or store.folder.is_dir():
-                    raise
-                raise WriteError(
-                    f"the folder {str(store.folder)!r} was removed or moved during the run; run again, and leave it"
-                ) from error
-            finally:
-                progress.close()
-            results.let_go()
-            progress.note(
-                f"result: {outcome.run} scenarios run, {outcome.reused} kept from an interrupted run, "
-                f"{outcome.untouched} never touch, {len(failures)} chunks failed, {outcome.compiled} kernels compiled"
-                + (f"; {target} has {target.stat().st_size} bytes" if target else "")
-            )
-            if store is not None and not failures:
-                try:
-                    store.discard()
-                except OSError as error:
-                    msg = f"the cube {str(target)!r} is complete, but not all of its chunks are removed: {error}"
-                    warnings.warn(msg, RuntimeWarning, stacklevel=2)
-        for text in doubts_of(plan.variants, results.largest, plan.laws):
+        with run_folder(
+            target, plan, progress or Progress(), scheduler, n_workers, overwrite=overwrite, at_once=earlier is not None
+        ) as folder:
+            with Dispatcher(scheduler, n_workers, folder.progress) as dispatcher:
+                self.last_outcome = outcome = execute(plan, dispatcher, store=folder.store, earlier=earlier)
+                folder.check_results(outcome)
+                self.last_audit = audit(plan, outcome, dispatcher, check)
+            folder.progress.stage("cube", plan.n_asked)
+            cube = write_cube_of(plan, outcome, self.last_audit, folder.progress, target, overwrite=overwrite)
+            folder.finish(outcome)
+        for text in doubts_of(plan.variants, outcome.results.largest, plan.laws):
             warnings.warn(text, UnlikelyWarning, stacklevel=2)
         return cube
 

@@ -1,4 +1,4 @@
-"""A text file beside the cube that says what ran, on what, for how long, and how it ended."""
+"""What a run leaves in its folder: a cube, finished chunks, and a log of what ran, on what, and how it ended."""
 
 from __future__ import annotations
 
@@ -10,17 +10,25 @@ import sys
 import time
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from pounding_sweep.base.errors import RunError, WriteError
+from pounding_sweep.output.netcdf import check_output, check_space
+from pounding_sweep.resume import ChunkStore, identity_of, parts_folder
+from pounding_sweep.run.diagnosis import check_memory, installed_versions, processor
 from pounding_sweep.run.execute import Progress
+from pounding_sweep.variables.registry import Status
 
 if TYPE_CHECKING:
     from distributed import Client
 
+    from pounding_sweep.output.results import Outcome
     from pounding_sweep.plan.plan import Plan
 
 #: Logs of the runs of this process; each hears of every warning that is shown.
@@ -75,8 +83,6 @@ def run_log(
     path: Path, display: Progress, plan: Plan, scheduler: str | Client = "threads", workers: int = 1
 ) -> Iterator[RunLog]:
     """Log a run in a file, after those that are there: what runs and on what, and the warnings that are shown."""
-    from pounding_sweep.run.diagnosis import installed_versions, processor
-
     log, started, show = RunLog(path, display), time.perf_counter(), warnings.showwarning
     if not hasattr(show, "writes_logs"):
 
@@ -116,3 +122,73 @@ def run_log(
         log.close()
         log.note(f"{ending} after {time.perf_counter() - started:.1f} s{reason}")
         _OPEN.remove(log)
+
+
+@dataclass
+class RunFolder:
+    """Where a run leaves its results: a file, with chunks and a log beside it, or memory alone."""
+
+    target: Path | None
+    progress: Progress
+    store: ChunkStore | None = None
+
+    def check_results(self, outcome: Outcome) -> None:
+        """Raise `RunError` where a file is there and no scenario has a result to replace it by."""
+        failures, status = outcome.failures, outcome.results.status
+        without = np.isin(status, [Status.NOT_RUN, Status.BEYOND_STABILITY_LIMIT])
+        if self.target is not None and self.target.exists() and failures and without.all():
+            raise RunError(
+                f"no scenario has a result, all {len(failures)} chunks failed ({failures[0]}): "
+                f"{str(self.target)!r} stays as it was; see to what failed and run again"
+            )
+
+    def finish(self, outcome: Outcome) -> None:
+        """Say in the log what the run came to, and remove the chunks of a complete cube."""
+        self.progress.close()
+        outcome.results.let_go()
+        self.progress.note(
+            f"result: {outcome.run} scenarios run, {outcome.reused} kept from an interrupted run, "
+            f"{outcome.untouched} never touch, {len(outcome.failures)} chunks failed, "
+            f"{outcome.compiled} kernels compiled"
+            + (f"; {self.target} has {self.target.stat().st_size} bytes" if self.target else "")
+        )
+        if self.store is not None and not outcome.failures:
+            try:
+                self.store.discard()
+            except OSError as error:
+                msg = f"the cube {str(self.target)!r} is complete, but not all of its chunks are removed: {error}"
+                warnings.warn(msg, RuntimeWarning, stacklevel=4)
+
+
+@contextmanager
+def run_folder(
+    target: Path | None,
+    plan: Plan,
+    display: Progress,
+    scheduler: str | Client,
+    workers: int,
+    *,
+    overwrite: bool,
+    at_once: bool,
+) -> Iterator[RunFolder]:
+    """Keep other runs out of the folder of a run, log it there, and say what is wrong if the folder is removed."""
+    if target is None:
+        check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of", "give an output file")
+        with closing(display):
+            yield RunFolder(None, display)
+        return
+    store = ChunkStore(parts_folder(target), identity_of(plan), at_once=at_once)
+    with store.lock():
+        check_output(target, overwrite)  # a run that ended just now may have made it
+        needed = (plan.n_asked + plan.n_unique) * plan.bytes_per_scenario
+        needed -= sum(store.path(key).stat().st_size for key in store.completed())
+        check_space(target.parent, needed, f"the cube of {plan.n_asked:,} scenarios, with its chunks,")
+        with run_log(Path(f"{target}.log"), display, plan, scheduler, workers) as log:
+            try:
+                yield RunFolder(target, log, store)
+            except OSError as error:
+                if store.folder.is_dir():
+                    raise
+                raise WriteError(
+                    f"the folder {str(store.folder)!r} was removed or moved during the run; run again, and leave it"
+                ) from error
