@@ -7,7 +7,7 @@ from collections.abc import Collection
 from itertools import cycle, product
 from string import ascii_lowercase
 from textwrap import fill
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -271,6 +271,56 @@ def response_map(
     contours along records. A value of whole scenarios, such as ``status``, has one column; of the
     status of several records the worst is shown.
     """
+    drawn = _prepare_map(cube, x, y, value)
+    cube, size = drawn.cube, (2.2, 2.6, 1.3, 2.3)
+    if cube.sizes["law"] * cube.sizes[drawn.per] == 1:
+        size = (5.6, 0.0, 4.2, 0.0)
+    axes = subplots(cube.sizes["law"], cube.sizes[drawn.per], size, ax)
+    colours, levels, ticks = _choose_colours(cube["value"].values, drawn.name, drawn.ratio)
+    levels = levels if contours and "record" not in drawn.dims else ()
+    grid = [axis.values(cube) for axis in (drawn.across, drawn.upward)]
+    for panel, part in panels(axes, cube, "law", drawn.per):
+        mesh = _fill_map(panel, part, grid, colours, levels)
+        for axis, along, at in zip((panel.xaxis, panel.yaxis), (drawn.across, drawn.upward), grid, strict=True):
+            scale_axis(axis, at, marked=True)
+            if names := _label_ticks(cube, along.name, drawn.per):
+                axis.set_ticks(at, names, rotation=30 * (axis is panel.xaxis), ha="right")
+    axes[0, 0].figure.colorbar(mesh, ax=axes, label=drawn.label, **ticks).minorticks_off()
+    hatched, shade = bool((cube["value"].isnull() & cube["share"].isnull()).any()), colormaps["Greys"]
+    none = "no such storey or " * ("storey" in drawn.dims) + "not ok"
+    for text, is_drawn, look in (
+        (none, hatched, {"facecolor": "white", "edgecolor": "0.75", "hatch": "////"}),
+        ("no contact", (cube["share"] == 0.0).any(), {"color": shade(0.3)}),
+        ("less than half of the records touch", (cube["share"] > 0.0).any(), {"color": shade(0.1)}),
+    ):
+        axes[0, 0].fill_between([], [], label=text if is_drawn else "", **look)
+    subject = f"{long_name(cube['value'], drawn.name)} by {drawn.across.name} and {drawn.upward.name}"
+    notes = *drawn.notes, "hatched: info --status says why" * hatched
+    return finish(axes, drawn.across.label, drawn.upward.label, subject, *notes)
+
+
+class _Map(NamedTuple):
+    """What a map draws."""
+
+    #: on (law, per, upward, across): ``value`` in the unit that is drawn, and ``share``, of the records that touch,
+    #: where that is drawn in its place
+    cube: xr.Dataset
+    across: PlotAxis
+    upward: PlotAxis
+    per: str  # dimension with a column of panels for each label
+    name: str  # variable
+    label: str  # its name and unit
+    ratio: bool  # whether it is an amplification
+    notes: tuple[str, ...]  # parts of the caption
+
+    @property
+    def dims(self) -> tuple[str, str]:
+        """Dimensions along which it is drawn."""
+        return self.upward.dim, self.across.dim
+
+
+def _map_axes(cube: xr.Dataset, x: str | None, y: str | None) -> tuple[PlotAxis, PlotAxis]:
+    """Return the axes of a map, across and upward: those asked for, else the first period ratio and the first axis."""
     upward = choose_axis(cube, y, labels=LABELS) if y else None
     used = [upward.dim] if upward else []
     periods = (axis.name for axis in plot_axes(cube).values() if "period_ratio_" in axis.name and axis.dim not in used)
@@ -278,69 +328,59 @@ def response_map(
     upward = upward or choose_axis(cube, None, [across.dim] if across else [], LABELS)
     assert across is not None
     assert upward is not None
+    return across, upward
+
+
+def _prepare_map(cube: xr.Dataset, x: str | None, y: str | None, value: str | None) -> _Map:
+    """Take what a map draws from a cube."""
+    across, upward = _map_axes(cube, x, y)
     ratios = [f"{name}_ratio" for name in ("displacement_peak", *AMPLIFIED)]
     if value in ratios and value not in cube:
         cube = result_of(cube, "amplification", responses=needed_for([value]))
     check_value(value, [str(key) for key, variable in cube.data_vars.items() if variable.dtype.kind in "iuf"], ratios)
     name, label, factor, per = choose_response(cube, "map", value)
     cube = with_dims(cube, "law", per, absent="")
-    drawn = upward.dim, across.dim
-    if "storey" in drawn and "storey" not in cube[name].dims:
+    dims, has_storeys = (upward.dim, across.dim), "storey" in cube[name].dims
+    if "storey" in dims and not has_storeys:
         raise InputError(
             f"{name} is not a value of storeys, along which this map is drawn; give other axes, or --value"
         )
-    storeys = "storey" in cube[name].dims and "storey" not in drawn
-    if storeys:
+    over_storeys = has_storeys and "storey" not in dims
+    if over_storeys:
         cube = cube.assign({name: _over_storeys(cube[name])})
-    cube, selection = select_default(cube, ("law", per, *drawn, *several_records(cube)), [name])
+    cube, selection = select_default(cube, ("law", per, *dims, *several_records(cube)), [name])
     ratio = name.endswith("_ratio") and "touches" in cube
     touch = (cube["touches"] > 0.0 if ratio else cube[name] != 0.0).where(cube[name].notnull())
-    records = [] if "record" in drawn else several_records(cube)
+    records = [] if "record" in dims else several_records(cube)
     if records:
         cube, selection = over_records(cube, selection, [name], worst=name == "status")
     share = touch.mean(records)
     share = share.where((share < 0.5) & (ratio or per == "pair"))  # else there is a colour
     laws, others = _first_laws(cube, contact=per == "pair")
-    cube = cube.assign({name: factor * cube[name].where(share.isnull()), "share": share})[[name, "share"]]
-    cube = cube.sel(law=laws).sortby([axis.name for axis in (across, upward) if axis.name != "record"])
-    if "storey" in drawn:
-        cube = cube.sel(storey=labels_with_values(cube, "storey", [name, "share"]))
-    cube = cube.transpose("law", per, upward.dim, across.dim)
-    size = (2.2, 2.6, 1.3, 2.3) if len(laws) * cube.sizes[per] > 1 else (5.6, 0.0, 4.2, 0.0)
-    axes = subplots(len(laws), cube.sizes[per], size, ax)
-    colours, levels, ticks = _choose_colours(cube[name].values, name, ratio)
-    contours = contours and "record" not in drawn
-    grid = [axis.values(cube) for axis in (across, upward)]
-    edges = [cell_edges(values, even=not is_log(values)) for values in grid]
-    for panel, part in panels(axes, cube, "law", per):
-        grey, values = part["share"].values, part[name].values
-        panel.patch.set(hatch="////", edgecolor="0.75", linewidth=0.0)
-        # cells without a colour: darkest where no record touches, the lighter the more do
-        panel.pcolormesh(*edges, np.where(grey > 0.0, 0.9 - grey, 1.8 - grey), cmap="Greys", vmin=0.0, vmax=6.0)
-        for i, j in np.argwhere(grey > 0.0) if max(grey.shape) <= _WRITTEN else ():
-            panel.text(grid[0][j], grid[1][i], f"{grey[i, j]:.0%}", ha="center", va="center", fontsize=6, color="0.3")
-        mesh = panel.pcolormesh(*edges, values, **colours)
-        if contours and len(levels) and min(values.shape) >= _CONTOURED and np.isfinite(values).any():
-            ends = [np.r_[edge[0], at, edge[-1]] for edge, at in zip(edges, grid, strict=True)]  # of the outer cells
-            lines = panel.contour(*ends, np.pad(values, 1, mode="edge"), levels, colors="black", linewidths=0.7)
-            panel.clabel(lines, fontsize=7, fmt="%g", inline_spacing=2)
-        panel.grid(visible=False)
-        for axis, along, at in zip((panel.xaxis, panel.yaxis), (across, upward), grid, strict=True):
-            scale_axis(axis, at, marked=True)
-            if names := _label_ticks(cube, along.name, per):
-                axis.set_ticks(at, names, rotation=30 * (axis is panel.xaxis), ha="right")
-    axes[0, 0].figure.colorbar(mesh, ax=axes, label=label, **ticks).minorticks_off()
-    hatched, shade = bool((cube[name].isnull() & cube["share"].isnull()).any()), colormaps["Greys"]
-    none = "no such storey or " * ("storey" in drawn) + "not ok"
-    for text, is_drawn, look in (
-        (none, hatched, {"facecolor": "white", "edgecolor": "0.75", "hatch": "////"}),
-        ("no contact", (cube["share"] == 0.0).any(), {"color": shade(0.3)}),
-        ("less than half of the records touch", (cube["share"] > 0.0).any(), {"color": shade(0.1)}),
-    ):
-        axes[0, 0].fill_between([], [], label=text if is_drawn else "", **look)
-    subject = f"{long_name(cube[name], name)} by {across.name} and {upward.name}"
-    notes = "largest of the storeys" * storeys, "hatched: info --status says why" * hatched
-    return finish(axes, across.label, upward.label, subject, selection, others, *notes)
+    cube = cube.assign(value=factor * cube[name].where(share.isnull()), share=share)[["value", "share"]].sel(law=laws)
+    cube = cube.sortby([axis.name for axis in (across, upward) if axis.name != "record"])
+    if "storey" in dims:
+        cube = cube.sel(storey=labels_with_values(cube, "storey", ["value", "share"]))
+    notes = selection, others, "largest of the storeys" * over_storeys
+    return _Map(cube.transpose("law", per, *dims), across, upward, per, name, label, ratio, notes)
+
+
+def _fill_map(panel: Any, part: xr.Dataset, grid: list[np.ndarray], colours: Any, levels: Any) -> Any:
+    """Draw the cells of one panel and lines at `levels`; returns the coloured ones."""
+    grey, values = part["share"].values, part["value"].values
+    edges = [cell_edges(at, even=not is_log(at)) for at in grid]
+    panel.patch.set(hatch="////", edgecolor="0.75", linewidth=0.0)
+    # cells without a colour: darkest where no record touches, the lighter the more do
+    panel.pcolormesh(*edges, np.where(grey > 0.0, 0.9 - grey, 1.8 - grey), cmap="Greys", vmin=0.0, vmax=6.0)
+    for i, j in np.argwhere(grey > 0.0) if max(grey.shape) <= _WRITTEN else ():
+        panel.text(grid[0][j], grid[1][i], f"{grey[i, j]:.0%}", ha="center", va="center", fontsize=6, color="0.3")
+    mesh = panel.pcolormesh(*edges, values, **colours)
+    if len(levels) and min(values.shape) >= _CONTOURED and np.isfinite(values).any():
+        ends = [np.r_[edge[0], at, edge[-1]] for edge, at in zip(edges, grid, strict=True)]  # of the outer cells
+        lines = panel.contour(*ends, np.pad(values, 1, mode="edge"), levels, colors="black", linewidths=0.7)
+        panel.clabel(lines, fontsize=7, fmt="%g", inline_spacing=2)
+    panel.grid(visible=False)
+    return mesh
 
 
 def _over_storeys(part: xr.DataArray) -> xr.DataArray:
