@@ -15,7 +15,7 @@ from pounding_sweep.model.presets import base_isolated
 from pounding_sweep.model.scene import Bumper, ContactProperties, Link, Scene, Wall
 from pounding_sweep.records import near_fault_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.request import build
-from pounding_sweep.request.axes import AXES, FACTOR_KINDS, Case, Range
+from pounding_sweep.request.axes import AXES, FACTOR_KINDS, NAMED_KINDS, Case, Range
 from pounding_sweep.request.build import Arguments, build_spec
 from pounding_sweep.request.design import DISTRIBUTIONS, DesignTable
 from pounding_sweep.request.toml import SECTIONS
@@ -47,15 +47,20 @@ _OWN = {
     ("[[scene.row]], a wall", "name"): "Coordinate label in every result.",
     ("[scene.contact]", "hertz"): "What `hertz_stiffness` follows from, in its place; below.",
     ("[sweep]", "building"): "Axes over a building's properties, below.",
+    ("[sweep]", "pair"): "Axes over a pair's properties, below.",
     ("[design]", "kind"): "How points are chosen; see [designs](designs).",
     ("[design]", "samples"): "Points; a power of 2 for sobol and saltelli, of which it is the points of one block.",
     ("[design]", "seed"): "Of the random numbers; the same seed gives the same points.",
     ("[design]", "inputs"): (
-        "By the dimension of an axis, or under building.NAME, a table of a distribution; record is drawn from those of "
-        'the sweep by `{ distribution = "any" }`.'
+        "By the dimension of an axis, or under building.NAME and pair.NAME, a table of a distribution; record is drawn "
+        'from those of the sweep by `{ distribution = "any" }`.'
     ),
     **{(heading, key): text for heading in _DISTRIBUTIONS for key, text in _OF_DISTRIBUTIONS.items()},
-    **{("building.NAME", kind): AXES[argument].meaning for argument, kind in FACTOR_KINDS.items()},
+    **{
+        (f"{by}.NAME", kind): AXES[argument].meaning
+        for by, kinds in NAMED_KINDS.items()
+        for argument, kind in kinds.items()
+    },
     ("A record by name", "record"): "Name of the record, as `pounding-sweep records` lists it.",
     ("A record by name", "name"): "Label of the record in the cube; its own by default.",
     ("A record by name", "scale"): "Factor on the motion.",
@@ -148,7 +153,10 @@ _TABLES: dict[str, tuple[Keys, Callable[..., Any] | None]] = {
     "scene.contact.hertz": (_parameters(hertz_stiffness), hertz_stiffness),
     "[sweep]": (_arguments("sweep"), build_spec),
     "Evenly spaced values": (_parameters(Range), Range),
-    "building.NAME": (dict.fromkeys(FACTOR_KINDS.values(), _fields(Arguments)["gaps"]), None),
+    **{
+        f"{by}.NAME": (dict.fromkeys(kinds.values(), _fields(Arguments)["gaps"]), None)
+        for by, kinds in NAMED_KINDS.items()
+    },
     "[design]": (_fields(DesignTable), None),
     **{heading: (_fields(model), None) for heading, model in _DISTRIBUTIONS.items()},
     "A record from a file": (_parameters(read_record, *build.SPECTRAL), read_record),
@@ -216,5 +224,6 @@ def key_tables() -> str:
     for key, meaning in _meanings(Case).items():
         if key not in FACTOR_KINDS:
             lines.append(_line(f"`{key}`", meaning))
-    lines += ["| `building.NAME` | Factors on a building's properties, one number each. |", ""]
+    lines += ["| `building.NAME` | Factors on a building's properties, one number each. |"]
+    lines += ["| `pair.NAME` | Properties of a pair, one number each. |", ""]
     return "\n".join(lines)

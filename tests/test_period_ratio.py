@@ -19,7 +19,7 @@ def test_its_axes_are_the_ratio_of_two_periods_and_the_gap():
     assert (spec.laws, [r.name for r in spec.records]) == (("kelvin_voigt", "none"), ["el_centro"])
     left, right = spec.scene.buildings
     assert left.periods == pytest.approx(right.periods)
-    dims, ratio, about = product_coordinates(spec.scene, spec.property_axes)["period_ratio_left_right"]
+    dims, ratio, about = product_coordinates(spec.scene, spec.named_axes("building"))["period_ratio_left_right"]
     assert dims == ("period_factor_left",)
     np.testing.assert_allclose(ratio, np.geomspace(0.4, 2.5, 25))
     assert about["long_name"] == "period ratio T1/T2 of left and right"

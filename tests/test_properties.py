@@ -356,8 +356,8 @@ def test_names_of_buildings_become_names_of_netcdf():
     factors = {name: [1.0, 2.0] for name in ("Süd", "tower-1", "tower 1")}
     spec = build_spec(scene=scene, records=motions()[0], laws="none", mass_factors=factors)
     names = ["tower_1", "tower_1_no2", "S_d"]
-    assert [axis.dimension for axis in spec.property_axes] == [f"mass_factor_{name}" for name in names]
-    assert [axis.building for axis in spec.property_axes] == ["tower 1", "tower-1", "Süd"]  # as in the row
+    assert [axis.dimension for axis in spec.named_axes("building")] == [f"mass_factor_{name}" for name in names]
+    assert [axis.name for axis in spec.named_axes("building")] == ["tower 1", "tower-1", "Süd"]  # as in the row
 
 
 FILE = """

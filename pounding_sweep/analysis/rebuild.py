@@ -20,6 +20,7 @@ from pounding_sweep.analysis.scenarios import (
     IGNORED,
     NO_POUNDING,
     described,
+    ignored_dims,
     labelled,
     law_keys,
     of_law,
@@ -32,7 +33,7 @@ from pounding_sweep.model.meeting import CONTACTS
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.records import RECORD_SETS, Record, find_record, list_records, record_measures, resolve_records
 from pounding_sweep.records.synthetic import remade
-from pounding_sweep.request.axes import AXES, axes_of, case_of, plain_name
+from pounding_sweep.request.axes import AXES, NAMED_KINDS, axes_of, case_of, plain_name
 from pounding_sweep.request.spec import SweepSpec, scene_of, spec_of
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes import SCHEMES
@@ -137,7 +138,8 @@ def uncoupled_runs(source: Scene | str | xr.Dataset, records: Any, folders: Any)
     if "case" in runs.dims:
         return scene, of_law(runs, [NO_POUNDING])
     modes = {name: runs[name] for name in ("fundamental_period", "first_damping_ratio") if name in runs.coords}
-    runs = without_pounding(runs, "the required gap").isel(dict.fromkeys(IGNORED, 0), missing_dims="ignore")
+    runs = without_pounding(runs, "the required gap")
+    runs = runs.isel(dict.fromkeys(ignored_dims(runs), 0))
     runs = runs.reset_coords(drop=True).assign_coords(modes)
     if isinstance(source, xr.Dataset):  # it may be a selection from what its sweep has
         axes = {*runs.dims} & {*source.coords} - {*INNER_DIMS}
@@ -165,13 +167,13 @@ def _runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> tuple[Scene, 
         ) from None
     # its axes that a run without pounding does not ignore, or its cases but for those
     if sweep["cases"] is not None:
-        ignored: dict[str, Any] = dict.fromkeys(IGNORED)
+        ignored: dict[str, Any] = dict.fromkeys(IGNORED) | dict.fromkeys(NAMED_KINDS["pair"], ())
         cases = [replace(case_of(case), law=NO_POUNDING, **ignored) for case in sweep["cases"]]
         axes: dict[str, Any] = {"cases": list(dict.fromkeys(cases))}
     else:
         varied = axes_of(sweep)
         axes = {key: getattr(varied, key) for key, axis in AXES.items() if axis.of_buildings or axis.column == "scale"}
-        axes = {key: dict(value) if AXES[key].by_building else value for key, value in axes.items() if value}
+        axes = {key: dict(value) if AXES[key].by else value for key, value in axes.items() if value}
     return _run(scene, motions, sa_period=sweep.get("sa_period"), **axes)
 
 

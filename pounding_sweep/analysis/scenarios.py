@@ -12,7 +12,7 @@ from pounding_sweep.base.errors import InputError, check_choice, repr_short
 from pounding_sweep.base.text import read_share
 from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.output.scenario_rows import BUILDING_DEFAULTS, scenario_keys
-from pounding_sweep.request.axes import DIMENSIONS
+from pounding_sweep.request.axes import DIMENSIONS, PREFIXES
 from pounding_sweep.variables.registry import INNER_DIMS, VALID, VARIABLES, Status
 
 #: Key of the law without contact.
@@ -34,6 +34,11 @@ TOUCH_VARIABLES = ("impact_count", "impact_force_max", "penetration_max", "appro
 def scenario_dims(cube: xr.Dataset | xr.DataArray) -> tuple[str, ...]:
     """Return the dimensions along which scenarios differ, in the cube's order."""
     return tuple(str(dim) for dim in cube.dims if dim not in (*INNER_DIMS, *AUDIT_DIMS))
+
+
+def ignored_dims(part: xr.Dataset | xr.DataArray) -> list[str]:
+    """Return the dimensions that a run without pounding ignores."""
+    return [str(dim) for dim in part.dims if dim in IGNORED or str(dim).startswith(PREFIXES["pair"])]
 
 
 def trusted(cube: xr.Dataset) -> xr.DataArray:
@@ -136,7 +141,7 @@ def without_pounding(cube: xr.Dataset, what: str) -> xr.Dataset:
         cube = cube.sel(law=NO_POUNDING)
         not_run = cube["status"] == int(Status.NOT_RUN) if "status" in cube else xr.DataArray(False)
         # of a merged cube some gaps may lack the run that others have
-        dims = [dim for dim in IGNORED if dim in not_run.dims]
+        dims = ignored_dims(not_run)
         cube = cube.isel(not_run.argmin(dims)) if dims and not_run.any() else cube
     return cube.reset_coords(drop=True)
 

@@ -45,7 +45,7 @@ _WIDTH = 100
 #: Values of an axis up to which scenarios that are not ok are counted for each.
 MOST_VALUES = 200
 #: What listed cases may share.
-_LISTED = ("law", "record", "contact_stiffness", *(axis.dimension for axis in AXES.values() if not axis.by_building))
+_LISTED = ("law", "record", "contact_stiffness", *(axis.dimension for axis in AXES.values() if not axis.by))
 #: Digits of a digest that tell it from others.
 _DIGITS = 12
 

@@ -40,9 +40,9 @@ _DESCRIBED = (
 )
 #: What of a record decides on results, in the description of a sweep.
 MOTION = ("sha256", "dt", "n_points", "scale")
-#: Axes in the description of a sweep, and those that are given for some buildings: [name, values].
-AXIS_KEYS = frozenset({"laws", *(name for name, axis in AXES.items() if not axis.by_building)})
-BUILDING_AXES = frozenset(FACTOR_KINDS)
+#: Axes in the description of a sweep, and those that are given for some buildings or pairs: [name, values].
+AXIS_KEYS = frozenset({"laws", *(name for name, axis in AXES.items() if not axis.by)})
+NAMED_AXES = frozenset(FACTOR_KINDS)
 #: What else sweeps of one study may differ in: no result of a scenario depends on it.
 FREE = frozenset({"cases", "design", "records", "records_left_out", "title", "audit"})
 #: Laws of a user's own there, by key.
@@ -165,7 +165,7 @@ def differing_sweeps(one: Mapping[str, Any], two: Mapping[str, Any]) -> list[tup
     """Return in what two recorded sweeps are not of one study, laws of a user's own by their digests."""
     a, b = one.get(CUSTOM_LAWS, {}), two.get(CUSTOM_LAWS, {})
     laws = [(f"law {key!r} as SHA-256", a[key]["sha256"][:12], b[key]["sha256"][:12]) for key in sorted(a.keys() & b)]
-    keys = sorted({*one, *two} - AXIS_KEYS - BUILDING_AXES - FREE - {CUSTOM_LAWS})
+    keys = sorted({*one, *two} - AXIS_KEYS - NAMED_AXES - FREE - {CUSTOM_LAWS})
     pairs = [*laws, *((key, one.get(key), two.get(key)) for key in keys)]
     return [pair for pair in pairs if pair[1] != pair[2]]
 

@@ -28,7 +28,7 @@ from pounding_sweep.output.identity import library_versions, package_digest
 from pounding_sweep.output.scenario_rows import BUILDING_DEFAULTS
 from pounding_sweep.plan.scenarios import requested_scenarios
 from pounding_sweep.records.record import record_measures
-from pounding_sweep.request.axes import AXES, PropertyAxis, plain_name
+from pounding_sweep.request.axes import AXES, NamedAxis, plain_name
 from pounding_sweep.request.design import BLOCK, SAMPLE
 from pounding_sweep.request.spec import SweepSpec, to_json
 from pounding_sweep.variables.registry import scatter_dof
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 #: Axes by dimension, of building properties by kind.
-_AXES = {axis.dimension: axis for axis in AXES.values()}
+_AXES = {axis.dimension: axis for axis in AXES.values() if axis.by != "pair"}
 _TEXTS = {"law": "contact law", "record": "ground-motion record"}
 _REALISED = (
     "restitution of two free masses under the damping that the sweep used (see restitution_basis); 1 for laws without "
@@ -52,12 +52,12 @@ _MULTIPLIES: dict[str, tuple[str, str, Callable[[Building], float], str, str]] =
 }
 
 
-def product_coordinates(scene: Scene, axes: tuple[PropertyAxis, ...]) -> Coordinates:
+def product_coordinates(scene: Scene, axes: tuple[NamedAxis, ...]) -> Coordinates:
     """Return the period or mass of each building along its axis, and its ratio to that of each neighbour."""
     result: Coordinates = {}
     dimensions = [axis.dimension for axis in axes]
     for kind, (short, symbol, value, units, what) in _MULTIPLIES.items():
-        varied = {str(axis.building): axis for axis in axes if axis.kind == kind}
+        varied = {str(axis.name): axis for axis in axes if axis.kind == kind}
         factors = {b.name: np.array(varied[b.name].values if b.name in varied else [1.0]) for b in scene.buildings}
         for building in (building for building in scene.buildings if building.name in varied):
             name, text = f"{short}_{building.name}", f"{what} of building {building.name}"
@@ -174,7 +174,8 @@ def scenario_axes(plan: Plan) -> tuple[Coordinates, Coordinates]:
             columns[axis.dimension] = ((), np.array(listed, float), axis.unit, axis.long_name, axis.comment)
     if spec.scene.pair_names:
         gaps = np.broadcast_to(values["gap"], (*values["gap"].shape[:-1], len(spec.scene.pair_names)))
-        columns["pair_gap"] = (("gap", "pair"), gaps[..., spec.scene.pair_of_label], "m", "gap of the pair")
+        dims = ("gap", *(axis.dimension for axis in spec.named_axes("pair")), "pair")
+        columns["pair_gap"] = (dims, gaps[..., spec.scene.pair_of_label], "m", "gap of the pair")
     extra, outer, n = design_coordinates(spec), tuple(axes), len(requested.shape)
     for name, (dims, column, *about) in columns.items():
         grid = np.broadcast_to(column, (*requested.shape, *column.shape[n:]))
@@ -189,11 +190,11 @@ def scenario_axes(plan: Plan) -> tuple[Coordinates, Coordinates]:
     if not cases:
         text = "peak ground acceleration of the record at scale 1"
         extra["record_pga"] = coordinate(("record",), [record.pga for record in spec.records], "m s-2", text)
-    extra |= product_coordinates(spec.scene, spec.property_axes)
+    extra |= product_coordinates(spec.scene, spec.named_axes("building"))
     if len(plan.variants) == 1:
         return axes, extra | building_coordinates(plan.variants, {})
     variants = plan.variants[requested.variant.reshape(-1)]
-    along = {axis.dimension: (axis.kind, len(axis.values)) for axis in spec.property_axes}
+    along = {axis.dimension: (axis.kind, len(axis.values)) for axis in spec.named_axes("building")}
     if cases:
         extra |= row_coordinates(variants, "case")
         along = {"case": ("", len(cases))}
@@ -206,19 +207,26 @@ def _axes(plan: Plan) -> Coordinates:
     if spec.cases is not None:
         return {"case": coordinate(("case",), np.arange(1, len(spec.cases) + 1), "1", "listed scenario")}
     result: Coordinates = {}
-    properties = {axis.dimension: axis for axis in spec.property_axes}
+    named = {axis.dimension: axis for axis in spec.named_axes("building", "pair")}
+    others = [
+        gap
+        for name, gap in zip(spec.scene.pair_names, spec.scene.gaps, strict=True)
+        if name not in dict(spec.pair_gaps)
+    ]
     for name, axis_values in spec.axes.items():
         if name in _TEXTS:
             result[name] = coordinate((name,), axis_values, "", _TEXTS[name])
             continue
-        axis = _AXES[properties[name].kind if name in properties else name]
-        building = properties[name].building if name in properties else None
-        text, units = axis.long_name + ("" if building is None else f" of building {building}"), axis.unit
+        axis = named[name].axis if name in named else _AXES[name]
+        owner = named[name].name if name in named else None
+        text, units = axis.long_name + ("" if owner is None else f" of {axis.by} {owner}"), axis.unit
         values: Any = axis_values
         if name == "gap" and spec.gaps is None:
-            uniform = len(set(spec.scene.gaps)) == 1
-            text = "gap of every pair" if uniform else "smallest gap of the scene (see pair_gap)"
-            values = (min(spec.scene.gaps, default=np.nan),)
+            if len({*others}) != 1:
+                text = "smallest gap of the scene (see pair_gap)"
+            values = (min(others or spec.scene.gaps, default=np.nan),)
+        if name == "gap" and others and spec.pair_gaps:
+            text += " without gaps of its own"
         if name == "stiffness":
             exponent = next((law.exponent for law in plan.laws if law.exponent is not None), 1.0)
             units = "kN m-1" if exponent == 1 else f"kN m-{exponent:g}"
@@ -238,7 +246,7 @@ def design_coordinates(spec: SweepSpec) -> Coordinates:
             text = axis.long_name
             if item.building is not None:
                 values = [dict(value).get(item.building, 1.0) for value in values]
-                text = f"{text} of building {item.building}"
+                text = f"{text} of {axis.by} {item.building}"
             result[item.name] = coordinate(("case",), values, axis.unit, text)
     place = np.arange(len(spec.cases)) % len(spec.design)
     result[SAMPLE] = coordinate(("case",), place % spec.design.samples + 1, "1", "point of the design, from 1")

@@ -328,9 +328,9 @@ def _merge_sweeps(sweeps: Sweeps, cases: list[dict[str, Any]] | None) -> dict[st
     for key in identity.AXIS_KEYS:
         if merged.get(key) is not None:
             merged[key] = merge_values(key, [sweep[key] for sweep in sweeps])
-    for key in identity.BUILDING_AXES & merged.keys():
-        by_building = zip(*(sweep[key] for sweep in sweeps), strict=True)
-        merged[key] = [[axes[0][0], merge_values(key, [values for _, values in axes])] for axes in by_building]
+    for key in identity.NAMED_AXES & merged.keys():
+        by_name = zip(*(sweep[key] for sweep in sweeps), strict=True)
+        merged[key] = [[axes[0][0], merge_values(key, [values for _, values in axes])] for axes in by_name]
     if laws := {key: law for sweep in sweeps for key, law in sweep.get(identity.CUSTOM_LAWS, {}).items()}:
         merged[identity.CUSTOM_LAWS] = laws
     records = {record["name"]: record for sweep in reversed(sweeps) for record in sweep["records"]}

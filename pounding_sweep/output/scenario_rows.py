@@ -133,9 +133,9 @@ def _building_columns(part: xr.Dataset, sweep: Mapping[str, Any]) -> dict[str, x
     for kind, default in BUILDING_DEFAULTS.items():
         fallback = xr.DataArray(default) if kind == "damping_ratio" else xr.full_like(building, default, dtype=float)
         columns[kind] = part.get(kind, fallback)
-    for axis in axes_of(sweep).property_axes if sweep["cases"] is None else ():
-        if axis.building is not None:
-            columns[axis.kind] = xr.where(building == axis.building, part[axis.dimension], columns[axis.kind])
+    for axis in axes_of(sweep).named_axes("building") if sweep["cases"] is None else ():
+        if axis.name is not None:
+            columns[axis.kind] = xr.where(building == axis.name, part[axis.dimension], columns[axis.kind])
     hardening = xr.DataArray([item.uniform_hardening for item in buildings], dims="building")
     columns["hardening"] = columns["hardening"].where(columns["hardening"] != hardening)
     ratio, *others = {item.damping_ratio for item in buildings}

@@ -85,9 +85,9 @@ def doubts(spec: SweepSpec) -> list[str]:
         if text := LIMITS[kind].doubt(named):
             texts.append(text)
 
-    gaps = spec.gaps or [gap for case in spec.cases or () for gap in np.ravel(case.gap or ()).tolist()]
+    gaps = np.unique(requested.values["gap"]).tolist()
     # comparisons use the row's own gaps, even where others replace them in every scenario
-    places = dict.fromkeys(scene.gaps, "the row's own") | dict.fromkeys(gaps, "")
+    places = dict.fromkeys(scene.gaps, "the row's own") | {gap: "" for gap in gaps if gap not in scene.gaps}
     check("gap", ((place, gap) for gap, place in places.items()))
     for building, *factors in zip(scene.buildings, used.mass_factor.T, used.period_factor.T, strict=True):
         name, (masses, periods) = building.name, (np.unique([f.min(), f.max()]).tolist() for f in factors)

@@ -78,12 +78,11 @@ def requested_scenarios(spec: SweepSpec) -> Requested:
     scene, places = spec.scene, {record.name: i for i, record in enumerate(spec.records)}
     if spec.cases is not None:
         cases = spec.cases
-        gaps = [np.broadcast_to(scene.gaps if case.gap is None else case.gap, len(scene.gaps)) for case in cases]
         values = {
             "scale": np.array([spec.case_value(case, "scale") for case in cases], float),
             "stiffness": np.array([spec.case_value(case, "stiffness") for case in cases], float),
             "restitution": np.array([1.0 if case.restitution is None else case.restitution for case in cases], float),
-            "gap": np.array(gaps, float),
+            "gap": np.array([case.gaps_of(scene) for case in cases], float),
         }
         law = np.array([spec.laws.index(case.law) for case in cases])
         record = np.array([0 if case.record is None else places[case.record] for case in cases], np.int32)
@@ -91,8 +90,10 @@ def requested_scenarios(spec: SweepSpec) -> Requested:
         ranks = {name: _rank(column) for name, column in values.items()}
         return Requested((len(cases),), law, record, variant, values, ranks, variants)
 
-    grids = np.meshgrid(*(axis.values for axis in spec.property_axes), indexing="ij")
-    settings = [(axis.kind, axis.building, grid.ravel()) for axis, grid in zip(spec.property_axes, grids, strict=True)]
+    grids = np.meshgrid(*(axis.values for axis in spec.named_axes("building")), indexing="ij")
+    settings = [
+        (axis.kind, axis.name, grid.ravel()) for axis, grid in zip(spec.named_axes("building"), grids, strict=True)
+    ]
     variants = scene_variants(scene, grids[0].size if grids else 1, settings)
     if len(variants) == 2 and all(np.array_equal(a, b, equal_nan=True) for a, b in variants.columns):
         variants = variants_of(scene)
@@ -101,6 +102,7 @@ def requested_scenarios(spec: SweepSpec) -> Requested:
     axes: dict[str, Sequence[float]] = {
         "law": range(len(spec.laws)),
         "gap": spec.gaps or (0.0,),
+        **{axis.dimension: axis.values for axis in spec.named_axes("pair")},
         "stiffness": stiffnesses,
         "restitution": spec.restitutions,
         "record": range(len(places)),
@@ -114,6 +116,10 @@ def requested_scenarios(spec: SweepSpec) -> Requested:
         sizes = [len(values_of) if dim in dims else 1 for dim, values_of in axes.items()]
         return values.reshape(*sizes, *values.shape[len(dims) :])
 
+    gaps = along(np.array([scene.gaps] if spec.gaps is None else [[v] for v in spec.gaps], float), "gap")
+    for axis in spec.named_axes("pair"):
+        of_pair = np.array(scene.pair_names) == axis.name
+        gaps = np.where(of_pair, along(axis.values, axis.dimension)[..., None], gaps)
     factors = [[spec.scale(scale, v, record) for v in scales] for record in spec.records]
     contact = [[stiffness.value(v, scene=scene, law=spec.law(key)) for v in stiffnesses] for key in spec.laws]
     return Requested(
@@ -125,9 +131,12 @@ def requested_scenarios(spec: SweepSpec) -> Requested:
             "scale": along(factors, "record", "scale"),
             "stiffness": along(contact, "law", "stiffness"),
             "restitution": along(np.array(spec.restitutions, float), "restitution"),
-            "gap": along(np.array([scene.gaps] if spec.gaps is None else [[v] for v in spec.gaps], float), "gap"),
+            "gap": gaps,
         },
-        ranks={name: along(_rank(axes[name]), name) for name in ("scale", "stiffness", "restitution", "gap")},
+        ranks={
+            **{name: along(_rank(axes[name]), name) for name in ("scale", "stiffness", "restitution")},
+            "gap": row_codes(list(np.moveaxis(gaps, -1, 0))),
+        },
         variants=variants,
     )
 

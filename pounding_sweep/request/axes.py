@@ -13,6 +13,7 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from itertools import zip_longest
 from typing import Annotated, Any
 
 from pydantic import Field
@@ -25,21 +26,21 @@ from pounding_sweep.records import Record
 
 #: More values than this on one axis are refused.
 MAX_AXIS = 1_000_000
-#: Factor by name of the building, in the order of the row.
+#: Value by name of the building or pair, in the order of the row.
 Factors = tuple[tuple[str, float], ...]
 #: Values of an axis; None where the sweep does not have it.
 Values = tuple[float, ...] | None
-#: Axes by building: name and values, in the order of the row.
-BuildingValues = tuple[tuple[str, tuple[float, ...]], ...]
+#: Axes by building or pair: name and values, in the order of the row.
+NamedValues = tuple[tuple[str, tuple[float, ...]], ...]
 
 
 @dataclass(frozen=True)
 class Axis:
     """An axis that a sweep may have."""
 
-    #: dimension of the cube and key of a listed case; of axes by building, the start of the dimension's name
+    #: dimension of the cube and key of a listed case; of axes by name, the start of the dimension's name
     dimension: str
-    column: str  # what of a scenario it sets: axes of one column exclude each other
+    column: str  # what of a scenario it sets: axes of one column for the whole row exclude each other
     noun: str  # what a value is, in messages
     bounds: Mapping[str, float]  # of its values, as `number` takes them
     meaning: str  # what its values are, for the documentation
@@ -51,13 +52,14 @@ class Axis:
     #: of the column
     value: Callable[..., float] = lambda value, **_: value
     default: Values = None  # values of a column that no axis is given for
-    #: scene, laws (of axes by building: their names), records -> faults of a sweep that has the axis
+    #: scene, laws (of axes by name: the names), records -> faults of a sweep that has the axis
     requires: Callable[[Scene, Sequence[Any], Sequence[Record]], Iterator[Fault]] = lambda *_: iter(())
     of_buildings: bool = False  # whether it changes buildings
-    by_building: bool = False  # whether it is given for each building by name
+    by: str = ""  # what it is given for by name, "building" or "pair"; "" for the whole row
+    neutral: float = math.nan  # value of an axis by name that changes nothing, which listed cases leave out
     #: whether a sweep with it is a list of cases: what it comes to in a scenario depends on all of that
     listed: bool = False
-    finds: str = ""  # argument of the axis by building whose values it finds, and excludes
+    finds: str = ""  # argument of the axis by name whose values it finds, and excludes
 
     @cached_property
     def _number(self) -> Callable[[Any], float]:
@@ -170,9 +172,9 @@ def _axis(*about: Any, values: Any = None, **more: Any) -> Any:
     return field(default=values, metadata={"axis": Axis(*about, **more)})
 
 
-def _by_building(*about: Any, **more: Any) -> Any:
+def _by_building(*about: Any, neutral: float = 1.0, **more: Any) -> Any:
     """Make the field of an axis that is given for each building by name."""
-    return _axis(*about, values=(), of_buildings=True, by_building=True, **more)
+    return _axis(*about, values=(), of_buildings=True, by="building", neutral=neutral, **more)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,13 +223,13 @@ class AxisValues:
         "at the period of the attribute sa_period; the coordinate scale has the factor on each record",
         value=_factor_to_spectrum, requires=_need_motion,
     )
-    period_factors: BuildingValues = _by_building(
+    period_factors: NamedValues = _by_building(
         "period_factor", "period_factor", "factor on periods", _FACTOR,
         "Factors on all natural periods of a building, by its name, one axis each: "
         "stiffnesses are divided by the square, masses kept.",
         "factor on all periods", comment="stiffnesses are divided by its square, masses kept",
     )
-    mass_factors: BuildingValues = _by_building(
+    mass_factors: NamedValues = _by_building(
         "mass_factor", "mass_factor", "factor on masses", _FACTOR,
         "Factors on all masses of a building, by its name, one axis each: stiffnesses "
         "take the same factor, so that periods are kept.",
@@ -238,12 +240,12 @@ class AxisValues:
         "Rayleigh damping ratios of the first two modes of all buildings, in [0, 1); by default each building's own.",
         "damping ratio of the first two modes of all buildings", of_buildings=True,
     )
-    strength_factors: BuildingValues = _by_building(
+    strength_factors: NamedValues = _by_building(
         "strength_factor", "strength_factor", "factor on yield strengths", {"ge": 1e-9, "le": 1e9},
         "Factors on all yield strengths of a building, by its name, one axis each; 1 over a strength reduction.",
         "factor on all yield strengths", requires=_need_strengths,
     )
-    hardenings: BuildingValues = _by_building(
+    hardenings: NamedValues = _by_building(
         "hardening", "hardening", "hardening", {"ge": 0.0, "lt": 1.0},
         "Stiffness of a building's storeys that yield over their elastic one, by its name, in [0, 1), one axis each. "
         "One number for all storeys, in place of the building's own, which may differ by storey.",
@@ -257,6 +259,11 @@ class AxisValues:
         comment="the coordinate strength_factor has the factor on the yield strengths of each building",
         requires=_need_yielding, of_buildings=True, listed=True, finds="strength_factors",
     )
+    pair_gaps: NamedValues = _axis(
+        "gap", "gap", "gap in m", {"ge": 0.0},
+        "Gaps (m) of a pair, by its name, one axis each; other pairs have those of `gaps`, or the scene's own.",
+        "gap", "m", values=(), by="pair",
+    )
     # fmt: on
 
     def along(self, laws: Sequence[str], records: Sequence[str]) -> dict[str, Sequence[Any]]:
@@ -267,21 +274,21 @@ class AxisValues:
                 by_dimension["record"] = records
             axis = self.axis(column)
             by_dimension |= {axis[0].dimension: axis[1]} if axis else {column: (None,) if column == "gap" else ()}
-        return by_dimension | {axis.dimension: axis.values for axis in self.property_axes}
+            by_dimension |= {axis.dimension: axis.values for axis in self.named_axes("pair") if axis.kind == column}
+        return by_dimension | {axis.dimension: axis.values for axis in self.named_axes("building")}
 
-    @property
-    def property_axes(self) -> tuple[PropertyAxis, ...]:
-        """Axes over building properties, in the order of the cube."""
-        axes: dict[str, PropertyAxis] = {}
-        for name, axis in AXES.items():
-            values = getattr(self, name)
-            if axis.by_building:
-                for building, numbers in values:
-                    dimension = plain_name(f"{axis.dimension}_{building}", axes)
-                    axes[dimension] = PropertyAxis(axis.column, building, numbers, dimension)
+    def named_axes(self, *of: str) -> tuple[NamedAxis, ...]:
+        """Return the axes over properties of each "building" or "pair", in the order of the cube."""
+        axes: dict[str, NamedAxis] = {}
+        for argument, axis in AXES.items():
+            values = getattr(self, argument)
+            if axis.by:
+                for name, numbers in values:
+                    dimension = plain_name(f"{axis.dimension}_{name}", axes)
+                    axes[dimension] = NamedAxis(axis, axis.column, name, numbers, dimension)
             elif axis.of_buildings and values is not None:
-                axes[axis.dimension] = PropertyAxis(axis.column, None, values, axis.dimension)
-        return tuple(axes.values())
+                axes[axis.dimension] = NamedAxis(axis, axis.column, None, values, axis.dimension)
+        return tuple(axis for axis in axes.values() if (axis.axis.by or "building") in of)
 
     def needed_axis(self, column: str) -> tuple[Axis, tuple[float, ...]]:
         """Return the axis of a column that every product of axes has one of, with its values."""
@@ -290,24 +297,27 @@ class AxisValues:
     def axis(self, column: str) -> tuple[Axis, tuple[float, ...]] | None:
         """Return the axis that the sweep has of a column, with its values; None without."""
         for name, axis in AXES.items():
-            if axis.column == column and getattr(self, name):
+            if axis.column == column and not axis.by and getattr(self, name):
                 return axis, getattr(self, name)
         return None
 
 
 #: Axes by argument of `build_spec`.
 AXES: dict[str, Axis] = {field.name: field.metadata["axis"] for field in fields(AxisValues)}
-#: Axes by building: argument -> kind.
-FACTOR_KINDS = {name: axis.column for name, axis in AXES.items() if axis.by_building}
+#: Axes by building and by pair, given in tables building.NAME and pair.NAME: argument -> kind.
+NAMED_KINDS = {by: {name: axis.column for name, axis in AXES.items() if axis.by == by} for by in ("building", "pair")}
+#: All of them: argument -> kind.
+FACTOR_KINDS = {argument: kind for kinds in NAMED_KINDS.values() for argument, kind in kinds.items()}
 #: What axes may set of a scenario beside building properties, in the order of the cube.
 COLUMNS = tuple(dict.fromkeys(axis.column for axis in AXES.values() if not axis.of_buildings))
 
 
-#: Dimensions by what they set of a scenario.
+#: Dimensions by what they set of a scenario; of axes by name there are others, which begin so.
 DIMENSIONS = {
-    column: tuple(axis.dimension for axis in AXES.values() if axis.column == column)
+    column: tuple(dict.fromkeys(axis.dimension for axis in AXES.values() if axis.column == column))
     for column in dict.fromkeys(axis.column for axis in AXES.values())
 }
+PREFIXES = {by: tuple(f"{AXES[argument].dimension}_" for argument in kinds) for by, kinds in NAMED_KINDS.items()}
 
 
 @checked
@@ -362,14 +372,19 @@ class Range:
 
 
 @dataclass(frozen=True)
-class PropertyAxis:
-    """An axis over a property of the buildings."""
+class NamedAxis:
+    """An axis over a property of the buildings or pairs."""
 
-    #: what it varies; one of {"period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening"}
-    kind: str
-    building: str | None  # name of the building; None: all of them
+    axis: Axis
+    kind: str  # what it varies, such as "period_factor"
+    name: str | None  # of the building or pair; None: all buildings
     values: tuple[float, ...]  # values, as the user gave them
     dimension: str  # name of the dimension in the cube: letters, digits and "_"
+
+
+def names_by(scene: Scene, by: str) -> Sequence[str]:
+    """Return the names of the buildings or the pairs of a row."""
+    return scene.pair_names if by == "pair" else [building.name for building in scene.buildings]
 
 
 def _as_tuples(value: Any) -> Any:
@@ -423,6 +438,8 @@ class Case:
         to, instead of `scale`.
     ductility : float, optional
         Largest storey ductility for which the factors on strengths are found, where `strength_factors` gives none.
+    pair_gaps : mapping of str to float
+        Gaps of pairs (m) by name, in place of `gap`.
 
     Examples
     --------
@@ -447,12 +464,20 @@ class Case:
     hardenings: Factors | Mapping[str, float] = ()
     sa: float | None = None
     ductility: float | None = None
+    pair_gaps: Factors | Mapping[str, float] = ()
+
+    def gaps_of(self, scene: Scene) -> tuple[float, ...]:
+        """Return the gap of each pair of a row (m)."""
+        gaps = scene.gaps if self.gap is None else self.gap
+        gaps = gaps if isinstance(gaps, Sequence) else (gaps,) * len(scene.gaps)
+        named = dict(self.pair_gaps)
+        return tuple(named.get(str(name), gap) for name, gap in zip_longest(scene.pair_names[: len(gaps)], gaps))
 
     def axis(self, column: str) -> tuple[Axis, float] | None:
         """Return the axis that the case has of a column, with its value; None where it has none."""
         result: tuple[Axis, float] | None = None
         for axis in AXES.values():
-            value = None if axis.by_building else getattr(self, axis.dimension)
+            value = None if axis.by else getattr(self, axis.dimension)
             if axis.column == column and value is not None:  # the first has a default
                 result = axis, value
         return result

@@ -69,11 +69,13 @@ from pounding_sweep.request.axes import (
     COLUMNS,
     FACTOR_KINDS,
     MAX_AXIS,
+    NAMED_KINDS,
     Axis,
     AxisValues,
     Case,
     Range,
     by_exponent,
+    names_by,
 )
 from pounding_sweep.request.design import RECORD, Design, DesignTable, Target, named_inputs, product_cases
 from pounding_sweep.request.spec import (
@@ -134,23 +136,21 @@ class _Settings(Table):
     outputs: Any = key("a name or a list of names", "default")
 
 
-_KINDS = f"tables building.NAME of {', '.join(FACTOR_KINDS.values())}"
-#: Values by name of the building; a `Case` has them as pairs.
+#: Values by name of the building or pair; a `Case` has them as pairs.
 _FACTORS = Annotated[dict[str, Any], BeforeValidator(as_mapping)]
-_OF_BUILDINGS: dict[str, Any] = {
-    **dict.fromkeys(
-        FACTOR_KINDS, (_FACTORS | None, key('a table by name of the building, such as {"left": 1.2}', None))
-    ),
-    "building": (dict[str, dict[str, Any]] | None, key(_KINDS, None)),
-}
+_BY_NAME: dict[str, Any] = {}
+for _by, _kinds in NAMED_KINDS.items():
+    _table = key(f"tables {_by}.NAME of {', '.join(_kinds.values())}", None)
+    _plain = key(f'a table by name of the {_by}, such as {{"left{"-right" * (_by == "pair")}": 1.2}}', None)
+    _BY_NAME |= {**dict.fromkeys(_kinds, (_FACTORS | None, _plain)), _by: (dict[str, dict[str, Any]] | None, _table)}
 _AXIS = Any, key("a number, a list of numbers, or a table of evenly spaced values", None)
-_AXES: dict[str, Any] = {name: _OF_BUILDINGS.get(name, _AXIS) for name in (*AXES, "building")}
+_AXES: dict[str, Any] = {name: _BY_NAME.get(name, _AXIS) for name in (*AXES, *NAMED_KINDS)}
 #: All arguments: what each takes, and its default.
 Arguments = create_model("Arguments", __base__=_Settings, **_AXES)
 _OF_CASES: dict[str, Any] = {name: (Any, None) for name in Case.__dataclass_fields__ if name not in FACTOR_KINDS}
 _OF_CASES |= {"law": (Any, key(f"a law, valid: {', '.join(LAWS)}")), "scale": (Any, 1.0)}
-#: A listed case: its keys in Python and in files, which have `building`.
-CaseTable = create_model("CaseTable", __base__=Table, **_OF_CASES, **_OF_BUILDINGS)
+#: A listed case: its keys in Python and in files, which have `building` and `pair`.
+CaseTable = create_model("CaseTable", __base__=Table, **_OF_CASES, **_BY_NAME)
 
 
 def read_sweep(arguments: dict[str, Any]) -> tuple[SweepSpec | None, list[Fault]]:
@@ -162,7 +162,7 @@ def read_sweep(arguments: dict[str, Any]) -> tuple[SweepSpec | None, list[Fault]
 
 def _exclusions(chosen: Collection[str]) -> Iterator[tuple[str, str, str]]:
     """Tell of axes that exclude each other: the one, the other, and the fault."""
-    groups = [[name for name, axis in AXES.items() if axis.column == column] for column in COLUMNS]
+    groups = [[name for name, axis in AXES.items() if axis.column == column and not axis.by] for column in COLUMNS]
     for group in [*groups, *([name, axis.finds] for name, axis in AXES.items() if axis.finds)]:
         one, two, *_ = [*(name for name in group if name in chosen), "", ""]
         if two:
@@ -208,9 +208,9 @@ class _Reader:
         if faults.entries or self.scene is None or self.records is None:
             return None
         values = AxisValues(**axes)
-        names = [record.name for record in self.records], [building.name for building in self.scene.buildings]
         if design is not None or any(axis.listed and getattr(values, name) for name, axis in AXES.items()):
-            cases = product_cases(self.laws, names[0], values, names[1], design)
+            names = [name for by in NAMED_KINDS for name in names_by(self.scene, by)]
+            cases = product_cases(self.laws, [record.name for record in self.records], values, names, design)
         spec = SweepSpec(
             **({} if cases is not None else axes),
             **settings,
@@ -366,29 +366,31 @@ class _Reader:
             raise InputError(f"has more than {MAX_AXIS} values; give at most as many")
         return values
 
-    def _by_building(self, tables: Mapping[str, Any], faults: Faults, at: Place = ()) -> TargetValues:
-        """Return what tables at a place give for buildings: argument and name -> place and value, as in the row."""
-        # it is given as tables by name of the building, or as one table `building` of tables by name
-        values: TargetValues = {}
-        for argument, kind in FACTOR_KINDS.items():
-            for name, value in dict(tables.get(argument) or ()).items():
-                values[argument, name] = (*at, argument, name), value
-            for name, table in (tables.get("building") or {}).items():
-                if kind in table:
-                    values[argument, name] = (*at, "building", name, kind), table[kind]
-        for name, table in (tables.get("building") or {}).items():
-            for kind in table.keys() - {*FACTOR_KINDS.values()}:
-                faults.add((*at, "building", name, kind), unknown_key(kind, FACTOR_KINDS.values()))
-        if self.scene is None:
-            return {}
-        names = [building.name for building in self.scene.buildings]
-        for (argument, name), (place, _) in values.items():
-            if name not in names:
-                faults.add(place, unknown("building", name, names))
-            for _, text in AXES[argument].requires(self.scene, [name], ()):
-                faults.add(place, text)
-        order = itertools.product(FACTOR_KINDS, names)
-        return {target: values[target] for target in order if target in values}
+    def _by_name(self, tables: Mapping[str, Any], faults: Faults, at: Place = ()) -> TargetValues:
+        """Return what tables at a place give for buildings and pairs: argument and name -> place and value, in order.
+
+        It is given as tables by name of the building or pair, or as one table `building` or `pair` of tables by name.
+        """
+        result: TargetValues = {}
+        for by, kinds in NAMED_KINDS.items():
+            values: TargetValues = {}
+            for argument, kind in kinds.items():
+                for name, value in dict(tables.get(argument) or ()).items():
+                    values[argument, name] = (*at, argument, name), value
+                for name, table in (tables.get(by) or {}).items():
+                    if kind in table:
+                        values[argument, name] = (*at, by, name, kind), table[kind]
+            for name, table in (tables.get(by) or {}).items():
+                for kind in table.keys() - {*kinds.values()}:
+                    faults.add((*at, by, name, kind), unknown_key(kind, kinds.values()))
+            names = names_by(self.scene, by) if self.scene else []
+            for (argument, name), (place, _) in values.items():
+                if self.scene is not None and name not in names:
+                    faults.add(place, unknown(by, name, names))
+                for _, text in AXES[argument].requires(self.scene, [name], ()) if self.scene is not None else ():
+                    faults.add(place, text)
+            result |= {target: values[target] for target in itertools.product(kinds, names) if target in values}
+        return result
 
     def _design(self, value: Any) -> Design:
         """Check a design: what is drawn, from what, and whether what came of it will do."""
@@ -405,7 +407,7 @@ class _Reader:
             if axis.dimension in inputs
         }
         with Faults() as faults:
-            items |= self._by_building(inputs, faults, ("inputs",))
+            items |= self._by_name(inputs, faults, ("inputs",))
         drawn = {target: distribution for target, (_, distribution) in items.items()}
         design = Design(table.kind, table.samples, table.seed, named_inputs(drawn))
         if len(design) > MAX_AXIS:
@@ -427,7 +429,7 @@ class _Reader:
         stated = {name for name in AXES if arguments[name] is not None}
         if arguments["cases"] is not None:
             text = "listed cases take the place of laws and axes; leave it out, or leave out the cases"
-            faults.entries += [((name,), text) for name in ("laws", *AXES, "building") if arguments[name] is not None]
+            faults.entries += [((name,), text) for name in ("laws", *AXES, *NAMED_KINDS) if arguments[name] is not None]
             return {}
         laws, records = list(self.laws.values()), self.records or []
         drawn = {entry.target for entry in design.inputs} if design else set()
@@ -437,7 +439,7 @@ class _Reader:
             (name, None): ((name,), arguments[name]) for name in AXES if name in stated - FACTOR_KINDS.keys()
         }
         sequences: dict[Target, tuple[Place, Range | list[Any]]] = {}
-        for target, (place, value) in (items | self._by_building(arguments, faults)).items():
+        for target, (place, value) in (items | self._by_name(arguments, faults)).items():
             if target in drawn:
                 faults.add(place, "is an input of the design, too; leave one of them out")
             if (sequence := faults.attempt(place, self._sequence, value, AXES[target[0]])) is not None:
@@ -458,6 +460,9 @@ class _Reader:
             checked = tuple(self._read_all(place, numbers, read, axis.noun, remedy=remedy))
             values[name] = (*values.get(name, ()), (building, checked)) if building else checked
         chosen = stated | {name for name, _ in drawn}
+        by_pair = {name for argument, name in {*sequences, *drawn} if argument == "pair_gaps"}
+        if "gaps" in chosen and scene is not None and by_pair and by_pair == {*scene.pair_names}:
+            faults.add(("gaps",), "every pair has gaps of its own (pair_gaps); leave gaps out, or those of a pair")
         faults.entries += [
             (("design", "inputs", AXES[two].dimension) if (two, None) in drawn else (two,), text)
             for _, two, text in _exclusions(chosen)
@@ -465,7 +470,7 @@ class _Reader:
         columns = {AXES[name].column for name in chosen if name in AXES}
         for name, axis in AXES.items():
             by_default = axis.default is not None and axis.column not in columns
-            if scene is not None and not axis.by_building and (name in chosen or by_default):
+            if scene is not None and not axis.by and (name in chosen or by_default):
                 faults.entries += axis.requires(scene, laws, records)
             values |= {name: axis.default} if by_default else {}
         if "restitutions" not in chosen and scene is not None:
@@ -505,7 +510,7 @@ class _Reader:
                     faults.add(("gap",), f"{len(gaps)} gaps for {len(self.scene.gaps)} pairs ({pairs})")
             stated = set()
             for name, axis in AXES.items():
-                value = None if axis.by_building else values[axis.dimension]
+                value = None if axis.by else values[axis.dimension]
                 if value is not None and not isinstance(value, tuple):
                     laws = [law] if law else []
                     value = faults.attempt((axis.dimension,), axis.check, value, laws, self.basis)
@@ -513,9 +518,9 @@ class _Reader:
                     stated |= {name} if value != getattr(Case, axis.dimension) else set()
             faults.entries += [((AXES[one].dimension,), text) for one, _, text in _exclusions(stated)]
             factors: dict[str, Any] = dict.fromkeys(FACTOR_KINDS, ())
-            for (argument, building), (place, value) in self._by_building(values, faults).items():
+            for (argument, building), (place, value) in self._by_name(values, faults).items():
                 factor = faults.attempt(place, AXES[argument].check, value)
-                if factor != 1.0:
+                if factor != AXES[argument].neutral:
                     factors[argument] = (*factors[argument], (building, factor))
             names = [record.name for record in self.records or ()]
             if values["record"] is None and len(names) == 1:
@@ -623,12 +628,14 @@ class _Reader:
         if not any([law.thickness for law in self.laws.values()] + [bumper.thickness for bumper in scene.bumpers]):
             return
         rows: list[tuple[Place, Iterable[str], Any]] = [
-            (("cases", i, "gap"), (case.law,), case.gap) for i, case in enumerate(spec.cases or ())
+            (("cases", i, "gap"), (case.law,), case.gaps_of(scene)) for i, case in enumerate(spec.cases or ())
         ]
-        narrowest = None if spec.gaps is None else min(spec.gaps)
-        rows = rows or [(("scene", "gaps") if spec.gaps is None else ("gaps",), self.laws, narrowest)]
-        for place, keys, gap in rows:
-            gaps = np.broadcast_to(scene.gaps if gap is None else gap, len(pairs)).tolist()
+        if not rows:
+            place: Place = ("gaps",) if spec.gaps is not None else ("scene", "gaps")
+            place = ("pair_gaps",) if spec.pair_gaps else place
+            narrowest = {name: min(values) for name, values in spec.pair_gaps}
+            rows = [(place, self.laws, Case("none", spec.gaps and min(spec.gaps), pair_gaps=narrowest).gaps_of(scene))]
+        for place, keys, gaps in rows:
             owners = [(f"law {key!r}", self.laws[key].thickness, min(gaps, default=math.inf)) for key in keys]
             owners += [(f"bumpers of {b.pair!r}", b.thickness, gaps[pairs.index(b.pair)]) for b in scene.bumpers]
             for owner, thickness, narrow in owners:
@@ -831,7 +838,7 @@ def _sign(function: Callable[..., SweepSpec]) -> None:
     """Give a function the signature of `Arguments`, and every axis of the registry in the place of ``**axes``."""
     texts = []
     for name, axis in AXES.items():
-        kind = f"{'mapping of str to ' * axis.by_building}float, Range, or several, optional"
+        kind = f"{'mapping of str to ' * bool(axis.by)}float, Range, or several, optional"
         texts += [f"{name} : {kind}", textwrap.fill(axis.meaning, 110, initial_indent="    ", subsequent_indent="    ")]
     doc = str(function.__doc__).replace("    **axes\n        AXES\n", textwrap.indent("\n".join(texts) + "\n", "    "))
     function.__doc__ = doc
@@ -839,7 +846,7 @@ def _sign(function: Callable[..., SweepSpec]) -> None:
     parameters = [
         inspect.Parameter(name, keyword, default=missing if field.is_required() else field.default)
         for name, field in Arguments.model_fields.items()
-        if name != "building"
+        if name not in NAMED_KINDS
     ]
     function.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
 

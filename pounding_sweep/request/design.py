@@ -25,9 +25,9 @@ from pydantic import (
 from pounding_sweep.base.errors import InputError, SceneError, repr_short, unknown
 from pounding_sweep.model.faults import Number, Table, key, number, one_of
 from pounding_sweep.model.laws import Law
-from pounding_sweep.request.axes import AXES, FACTOR_KINDS, AxisValues, Case, plain_name
+from pounding_sweep.request.axes import AXES, NAMED_KINDS, AxisValues, Case, plain_name
 
-#: What has values: an argument of `build_spec`, and the building if it is one by building.
+#: What has values: an argument of `build_spec`, and the building or pair if it is one by name.
 Target = tuple[str, str | None]
 #: Share of a distribution that must lie between its ends.
 _LEAST_WITHIN = 1e-6
@@ -131,14 +131,18 @@ def _read_any_record(value: Any) -> str:
 
 
 _DRAWN: Any = Annotated[Any, PlainValidator(read_distribution)]
-#: [design.inputs]: distributions by the dimension of an axis, or of axes by building by its argument and the building.
+#: [design.inputs]: distributions by the dimension of an axis, or of axes by name by its argument and the name.
 Inputs = create_model(
     "Inputs",
     __base__=Table,
     **{RECORD: (Annotated[Any, PlainValidator(_read_any_record)], None)},
-    **{axis.dimension: (_DRAWN, None) for axis in AXES.values() if not axis.by_building},
-    **dict.fromkeys(FACTOR_KINDS, (dict[str, _DRAWN], key("a table by name of the building", None))),
-    building=(dict[str, dict[str, _DRAWN]], key("tables building.NAME of distributions", None)),
+    **{axis.dimension: (_DRAWN, None) for axis in AXES.values() if not axis.by},
+    **{
+        argument: (dict[str, _DRAWN], key(f"a table by name of the {by}", None))
+        for by, kinds in NAMED_KINDS.items()
+        for argument in kinds
+    },
+    **{by: (dict[str, dict[str, _DRAWN]], key(f"tables {by}.NAME of distributions", None)) for by in NAMED_KINDS},
 )  # type: ignore[call-overload]
 
 
@@ -168,7 +172,7 @@ class Input:
 
     name: str  # its coordinate in the cube
     argument: str  # the axis, by its argument of `build_spec`; "records" for the record
-    building: str | None  # name of the building that it belongs to
+    building: str | None  # name of the building or pair that it belongs to
     distribution: Distribution | None  # None for the record: each is as likely
 
     @property
@@ -245,21 +249,21 @@ def product_cases(
     laws: Mapping[str, Law],
     records: Sequence[Any],
     axes: AxisValues,
-    buildings: Sequence[str],
+    names: Sequence[str],
     design: Design | None = None,
 ) -> tuple[Case, ...]:
     """Return each law, record and value of the axes as a listed case, with every point of a design innermost."""
     steps: list[list[list[tuple[Target, Any]]]] = []
     for name, axis in AXES.items():
         values = getattr(axes, name)
-        for building, numbers in values if axis.by_building else [(None, values)] if values else []:
+        for building, numbers in values if axis.by else [(None, values)] if values else []:
             steps.append([[((name, building), value)] for value in numbers])
     inputs = design.inputs if design else ()
     columns = [design.values(i, records) for i in range(len(inputs))] if design else []
     targets = [item.target for item in inputs]
     points = [list(zip(targets, row, strict=True)) for row in zip(*columns, strict=True)] or [[]]
     records = [None] if ("records", None) in targets else records
-    order, cases = {name: i for i, name in enumerate(buildings)}, []
+    order, cases = {name: i for i, name in enumerate(names)}, []
     for key_of_law, law in laws.items():
         matters = {"stiffness_factors": law.has_contact, "restitutions": law.takes_restitution}
         of_law = [step for step in steps if matters.get(step[0][0][0][0], True)]
@@ -269,7 +273,7 @@ def product_cases(
                 for (argument, building), value in itertools.chain(*settings):
                     if building is None:
                         case[RECORD if argument == "records" else AXES[argument].dimension] = value
-                    elif value != 1.0:  # factors of 1 are left out, as they are of other cases
+                    elif value != AXES[argument].neutral:  # those are left out, as they are of other cases
                         factors = (*case.get(argument, ()), (building, value))
                         case[argument] = tuple(sorted(factors, key=lambda factor: order[factor[0]]))
                 cases.append(Case(key_of_law, **case))

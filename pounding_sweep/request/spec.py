@@ -22,7 +22,7 @@ from pounding_sweep.model.meeting import Contacts
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.records import STANDARD_GRAVITY, Record
-from pounding_sweep.request.axes import FACTOR_KINDS, Axis, AxisValues, Case, axes_of, case_of
+from pounding_sweep.request.axes import NAMED_KINDS, Axis, AxisValues, Case, axes_of, case_of
 from pounding_sweep.request.design import Design, Distribution
 from pounding_sweep.schemes import SCHEMES
 
@@ -134,7 +134,7 @@ def case_variants(scene: Scene, cases: Sequence[Case]) -> tuple[Variants, np.nda
     """Return the scene as given and behind it what cases make of it, each once; and the row of each case."""
     ratios = [np.nan if case.damping_ratio is None else case.damping_ratio for case in cases]
     settings: list[tuple[str, str | None, np.ndarray]] = [("damping_ratio", None, np.array(ratios, float))]
-    for argument, kind in FACTOR_KINDS.items():
+    for argument, kind in NAMED_KINDS["building"].items():
         factors = [dict(getattr(case, argument)) for case in cases]
         default = math.nan if kind == "hardening" else 1.0
         for name in {name for by_name in factors for name in by_name}:
@@ -148,7 +148,8 @@ def scene_variants(scene: Scene, n: int, settings: Iterable[tuple[str, str | Non
     """Return the scene and behind it `n` variants: values of a property of a building, or of all; NaN: the scene's."""
     names = [building.name for building in scene.buildings]
     columns = {
-        kind: np.full((n + 1, len(names)), math.nan if kind == "hardening" else 1.0) for kind in FACTOR_KINDS.values()
+        kind: np.full((n + 1, len(names)), math.nan if kind == "hardening" else 1.0)
+        for kind in NAMED_KINDS["building"].values()
     }
     ratio = np.full(n + 1, math.nan)
     for kind, name, values in settings:

@@ -128,7 +128,7 @@ SECTIONS: dict[str, dict[str, str]] = {
     "sweep": {
         name: name
         for name in (
-            *("records", "laws", "restitution_basis", "cases", "building", "sa_period"),
+            *("records", "laws", "restitution_basis", "cases", "building", "pair", "sa_period"),
             *AXES,
         )
     },

@@ -19,7 +19,16 @@ from pounding_sweep.output.dataset import Coordinates, assemble
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.plan.scenarios import ChunkTask
 from pounding_sweep.records import Record, resolve_record
-from pounding_sweep.request.axes import AXES, COLUMNS, DIMENSIONS, FACTOR_KINDS, Case, contact_stiffness, plain_name
+from pounding_sweep.request.axes import (
+    AXES,
+    COLUMNS,
+    DIMENSIONS,
+    FACTOR_KINDS,
+    Case,
+    contact_stiffness,
+    names_by,
+    plain_name,
+)
 from pounding_sweep.request.build import build_spec
 from pounding_sweep.request.spec import DEFAULT_STEP, SweepSpec, case_variants, json_data
 from pounding_sweep.run.histories import histories, instants_in_contact, peaks_shown
@@ -223,22 +232,21 @@ def scenario_of(spec: SweepSpec, case: int | None = None) -> dict[str, Any]:
 
 
 def selectors(spec: SweepSpec) -> dict[str, tuple[str, str | None]]:
-    """Return what of a scenario may be chosen by name -> field of `Case`, and building of a property that has one."""
+    """Return what of a scenario may be chosen by name -> field of `Case`, and building or pair that it belongs to."""
     names = ("law", "record", *(dim for column in COLUMNS for dim in DIMENSIONS[column]))
     fields: dict[str, tuple[str, str | None]] = {name: (name, None) for name in names}
-    for argument, axis in sorted(AXES.items(), key=lambda item: not item[1].by_building):
-        if axis.by_building:
-            dimensions = {each.building: each.dimension for each in spec.property_axes if each.kind == axis.column}
-            for building in spec.scene.buildings:
-                name = dimensions.get(building.name) or plain_name(f"{axis.dimension}_{building.name}", fields)
-                fields[name] = (argument, building.name)
+    for argument, axis in sorted(AXES.items(), key=lambda item: not item[1].by):
+        if axis.by:
+            named = {each.name: each.dimension for each in spec.named_axes("building", "pair") if each.axis is axis}
+            for owner in names_by(spec.scene, axis.by):
+                fields[named.get(owner) or plain_name(f"{axis.dimension}_{owner}", fields)] = (argument, owner)
         elif axis.of_buildings and not axis.listed:
             fields[axis.dimension] = (axis.dimension, None)
     return fields
 
 
 def _value(case: Case, field: str, building: str | None) -> Any:
-    """Return a field of a case, or of a building's property in it; None where it has none."""
+    """Return a field of a case, or of a building's or pair's property in it; None where it has none."""
     return getattr(case, field) if building is None else dict(getattr(case, field)).get(building)
 
 
@@ -258,7 +266,8 @@ def simulate_one(
     **choice
         In place of the values of `scenario_of`: ``law``, ``gap`` (m; of all pairs, or one per pair), ``stiffness``
         (kN/m**exponent) or ``stiffness_factor``, ``restitution``, ``record`` (a name of the sweep's), ``scale`` or
-        ``pga`` (m/s2), and building properties by their dimension in a cube, such as ``period_factor_left``.
+        ``pga`` (m/s2), and properties of buildings and pairs by their dimension in a cube, such as
+        ``period_factor_left`` and ``gap_left_right``.
 
     Returns
     -------
@@ -284,14 +293,16 @@ def simulate_one(
         check_choice("choice", name, selected)
     choice = {name: value for name, value in choice.items() if value is not None}
     for argument, axis in AXES.items():
-        for name in choice if axis.of_buildings else ():
-            if selected[name][0] in (argument, axis.dimension):
+        for name in choice if axis.of_buildings or axis.by else ():
+            if selected[name][0] == (argument if axis.by else axis.dimension):
                 axis.check(choice[name])
     for column in COLUMNS:
         if len(ways := [dim for dim in DIMENSIONS[column] if dim in choice]) > 1:
             raise InputError(f"{' and '.join(ways)} exclude each other; give one of them")
         if ways:
             scenario = {name: value for name, value in scenario.items() if name not in DIMENSIONS[column]}
+    if isinstance(choice.get("gap"), Sequence):  # one for each pair
+        scenario = {name: value for name, value in scenario.items() if selected.get(name, "")[0] != "pair_gaps"}
     values = scenario | choice
     for name, (field, building) in selected.items():
         if name in values:
@@ -300,9 +311,8 @@ def simulate_one(
     chosen = Case(**{"record": names[0], **fields})
     check_choice("record of this sweep", chosen.record, names)
     variants, index = case_variants(spec.scene, [chosen])
-    scene, gap = variants.scene_of(index[0]), chosen.gap
-    if gap is not None:
-        scene = scene.with_gaps(gap if isinstance(gap, Sequence) else [gap] * len(scene.gaps))
+    scene = variants.scene_of(index[0])
+    scene = scene.with_gaps(chosen.gaps_of(scene))
     law = next((law for law in spec.own_laws if law.key == chosen.law), None) or find_law(chosen.law)
     number, before = values.get("stiffness"), spec.law(scenario["law"])
     if "stiffness" not in choice and number and before.exponent and law.exponent not in (None, before.exponent):
@@ -357,7 +367,7 @@ def _details(spec: SweepSpec, values: Mapping[str, Any], law: Law, choice: Mappi
     for name, (field, building) in selectors(spec).items():
         listed = [_value(item, field, building) for item in spec.cases or ()]
         differs = name in choice or len({*spec.axes.get(name, listed)}) > 1 or (building and spec.cases is not None)
-        if differs and name not in ignored and values.get(name) is not None:
+        if differs and name not in ignored and field != "pair_gaps" and values.get(name) is not None:
             what = name if building is None else f"{FACTOR_KINDS[field]} of {building}"
             unit = f" {_stiffness_unit(law)}" if name == "stiffness" else ""
             yield f"{what.replace('_', ' ')} {values[name]:g}{unit}"
