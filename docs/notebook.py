@@ -78,6 +78,8 @@ def _run_notebook(source: Path) -> str:
                 picture = Path(f"{source.stem}_{number}.png")
                 picture.write_bytes(base64.b64decode(data["image/png"]))
                 parts.append(f"![What the cell above draws]({picture})")
+            elif data.get("text/html") == "":  # the bar of a run that ended
+                continue
             elif "text/html" in data:
                 parts.append(f"```{{raw}} html\n{data['text/html']}\n```")
             else:

@@ -6,12 +6,15 @@ import io
 import re
 import sys
 import threading
+from itertools import count
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
 from scenes import make
 
 from pounding_sweep.cli.progress import BETWEEN_LINES, ProgressDisplay
+from pounding_sweep.run import notebook
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 
@@ -107,3 +110,21 @@ def test_lines_have_no_control_characters(monkeypatch):
     said = stream.getvalue()
     assert re.search(r"^cube 180 of 180 \(100%\)$", said, re.MULTILINE)
     assert said.replace("\n", "").isprintable()
+
+
+def test_notebooks_show_a_bar_while_a_sweep_runs(monkeypatch):
+    """It is there while the run goes on, and gone at its end; elsewhere nothing is shown."""
+    ipython = pytest.importorskip("IPython")
+    pytest.importorskip("IPython.display")
+    shown = []
+    monkeypatch.setattr("IPython.display.display", lambda html, **how: shown.append((html.data, how)))
+    monkeypatch.setattr(notebook, "time", SimpleNamespace(monotonic=count().__next__))
+    make().run(workers=1)
+    assert not shown
+    monkeypatch.setattr(ipython, "get_ipython", lambda: SimpleNamespace(kernel=None))
+    make().run(workers=1)
+    assert [how["update"] for _, how in shown] == [False] + [True] * (len(shown) - 1)
+    assert len({how["display_id"] for _, how in shown}) == 1
+    (of_scenarios, *_) = [html for html, _ in shown if html.startswith("scenarios")]
+    assert re.fullmatch(r'scenarios <progress max="(\d+)" value="0"></progress> 0 of \1', of_scenarios)
+    assert shown[-1][0] == ""

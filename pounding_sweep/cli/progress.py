@@ -13,14 +13,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.progress import Progress as Bars
 
 from pounding_sweep.base.text import seconds_text
-from pounding_sweep.run.execute import Progress
+from pounding_sweep.run.execute import STAGES, Progress
 
 #: Seconds between two lines of progress.
 BETWEEN_LINES = 30.0
 #: Seconds at the beginning of a stage that say nothing about its rate: what an earlier run finished is counted in them.
 TAKING_UP = 1.0
-#: What the stages of a run are called on the display.
-STAGES = {"compiling": "compiling kernels", "no pounding": "runs without pounding"}
 
 
 class _LenientStream:

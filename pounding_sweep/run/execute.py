@@ -43,6 +43,10 @@ SCHEDULERS = ("threads", "processes", "synchronous")
 AHEAD = 2
 
 
+#: What the stages of a run are called on displays.
+STAGES = {"compiling": "compiling kernels", "no pounding": "runs without pounding"}
+
+
 class Progress:
     """What a display is told while a sweep runs; this one is silent."""
 

@@ -201,7 +201,7 @@ class Sweep:
         overwrite : bool
             Whether a file `out` may be replaced.
         progress : Progress, optional
-            Display.
+            Display; by default a bar in a notebook, and none elsewhere.
         extend : path, optional
             Cube of the same scene, numerics and outputs over other values or cases, whose scenarios are not run again;
             may be `out` itself, with `overwrite`. The attribute ``extended_from`` says how many came from it.
@@ -241,8 +241,9 @@ class Sweep:
         ``pounding_sweep.output.netcdf.NETCDF_LOCK``, and wait for nothing that dask computes in threads meanwhile.
         """
         from pounding_sweep.output.netcdf import open_cube
+        from pounding_sweep.run.notebook import default_progress
 
-        cube = self.make_cube(out, scheduler, workers, overwrite, progress, extend, check)
+        cube = self.make_cube(out, scheduler, workers, overwrite, progress or default_progress(), extend, check)
         return cube.to_dataset() if out is None else open_cube(out)
 
     def make_cube(
