@@ -6,13 +6,14 @@ Units kN, t, m, s.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from pounding_sweep.base.errors import SceneError
 from pounding_sweep.model.building import Building
 
 #: Floors of neighbours meet where their slabs miss each other by no more than this (m), where nothing else is said.
@@ -83,6 +84,35 @@ def meetings(left: Building, right: Building, tolerance: float) -> tuple[list[tu
         xi = (middles[floors] - levels[below]) / np.diff(levels)[below]
         facing.append(list(map(Facing, floors.tolist(), below.tolist(), xi.tolist())))
     return [(int(s), int(t)) for s, t in level], facing
+
+
+def contacts_of(
+    pair: int, name: str, neighbours: Sequence[Any], starts: Sequence[int], tolerance: float, *, columns: bool
+) -> list[tuple[str, list[Contact]]]:
+    """Return what of a pair of neighbours can meet, by label, bottom first; who is no building is a wall."""
+    (left, right), (i, j) = neighbours, starts
+    if not isinstance(right, Building):
+        return [(name, [Contact(pair, s + 1, i + s, -1) for s in range(left.n_storeys)])]
+    if not isinstance(left, Building):
+        return [(name, [Contact(pair, s + 1, -1, j + s) for s in range(right.n_storeys)])]
+    level, faced = meetings(left, right, tolerance)
+    for item, met in zip(neighbours, zip(*level, strict=True), strict=False):
+        if len(set(met)) < len(met):
+            floor = max(met, key=met.count)
+            raise SceneError(
+                f"floor {floor + 1} of {item.name!r} is level with {met.count(floor)} floors of its neighbour; "
+                "give smaller slab_depths or a smaller tolerance, so that it meets one"
+            )
+    groups = [(name, [Contact(pair, s + 1, i + s, j + t) for s, t in level])]
+    for side, facing in enumerate(faced if columns else ()):
+        struck = []
+        for f in facing:
+            floor, above = starts[side] + f.floor, starts[1 - side] + f.storey
+            below = above - 1 if f.storey else -1
+            first, second = (floor, above)[:: 1 - 2 * side]
+            struck.append(Contact(pair, f.floor + 1, first, second, struck=1 - side, xi=f.xi, below=below))
+        groups.append((f"{name} columns of {(right, left)[side].name}", struck))
+    return groups
 
 
 def column_shares(xi: float) -> tuple[float, float]:

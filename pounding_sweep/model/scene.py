@@ -34,7 +34,16 @@ from pounding_sweep.model.faults import (
     set_fields,
 )
 from pounding_sweep.model.laws import LAWS, RUBBER, Law, find_law, names_file, rubber_bumper
-from pounding_sweep.model.meeting import CONTACTS, FLOOR_TOLERANCE, Contact, Contacts, Facing, effective_mass, meetings
+from pounding_sweep.model.meeting import (
+    CONTACTS,
+    FLOOR_TOLERANCE,
+    Contact,
+    Contacts,
+    Facing,
+    contacts_of,
+    effective_mass,
+    meetings,
+)
 
 
 @checked
@@ -416,18 +425,18 @@ class Scene:
         contacts: list[Contact] = []
         masses = [mass for building in self.buildings for mass in building.masses]
         for pair, name in enumerate(names):
-            groups = self._meeting(pair, kind == CONTACTS[1])
+            neighbours: Sequence[Any] = self.row[pair : pair + 2]
+            starts = self._starts[pair : pair + 2]
+            groups = contacts_of(pair, name, neighbours, starts, self.tolerance, columns=kind == CONTACTS[1])
             meeting = {contact.storey for _, group in groups for contact in group}
             for storey in limits.get(name, ()):
                 if storey not in meeting:
                     text = f"storey {storey} of pair {name!r} meets nothing; those that do: "
                     raise SceneError(text + (", ".join(map(str, sorted(meeting))) or "none"), ("storeys",))
             if not meeting and not self.allow_unmet:
-                pairs = [item for item in self.row[pair : pair + 2] if isinstance(item, Building)]
-                where = (f"{b.name!r} has floors at {', '.join(f'{z:g}' for z in b.levels)} m" for b in pairs)
-                likely = (
-                    "; likely storey_heights in mm given for m" if max(b.elevations[0] for b in pairs) > 100.0 else ""
-                )
+                where = (f"{b.name!r} has floors at {', '.join(f'{z:g}' for z in b.levels)} m" for b in neighbours)
+                tallest = max(building.elevations[0] for building in neighbours)
+                likely = "; likely storey_heights in mm given for m" if tallest > 100.0 else ""
                 raise SceneError(
                     f"pair {name!r} has no floors that meet: {', '.join(where)}{likely}; give slab_depths by which "
                     'they do, contacts = "floors and columns", or allow_unmet = true where they shall miss each other'
@@ -504,32 +513,6 @@ class Scene:
         """Floors of the left and of the right neighbour of a pair that stand before columns of the other."""
         left, right = self.row[pair : pair + 2]
         return [] if isinstance(left, Wall) or isinstance(right, Wall) else meetings(left, right, self.tolerance)[1]
-
-    def _meeting(self, pair: int, columns: bool) -> list[tuple[str, list[Contact]]]:
-        """Return what of a pair can meet, were it not limited to storeys: by label, bottom first."""
-        (left, right), (i, j), name = self.row[pair : pair + 2], self._starts[pair : pair + 2], self.pair_names[pair]
-        if isinstance(right, Wall):
-            return [(name, [Contact(pair, s + 1, i + s, -1) for s in range(left.n_storeys)])]  # type: ignore[union-attr]
-        if isinstance(left, Wall):
-            return [(name, [Contact(pair, s + 1, -1, j + s) for s in range(right.n_storeys)])]
-        level, faced = meetings(left, right, self.tolerance)
-        for item, met in zip((left, right), zip(*level, strict=True), strict=False):
-            if len(set(met)) < len(met):
-                floor = max(met, key=met.count)
-                raise SceneError(
-                    f"floor {floor + 1} of {item.name!r} is level with {met.count(floor)} floors of its neighbour; "
-                    "give smaller slab_depths or a smaller tolerance, so that it meets one"
-                )
-        groups = [(name, [Contact(pair, s + 1, i + s, j + t) for s, t in level])]
-        for side, facing in enumerate(faced if columns else ()):
-            struck = []
-            for f in facing:
-                floor, above = (i, j)[side] + f.floor, (i, j)[1 - side] + f.storey
-                below = above - 1 if f.storey else -1
-                first, second = (floor, above)[:: 1 - 2 * side]
-                struck.append(Contact(pair, f.floor + 1, first, second, struck=1 - side, xi=f.xi, below=below))
-            groups.append((f"{name} columns of {(right, left)[side].name}", struck))
-        return groups
 
     def _repr_html_(self) -> str:
         rows, gaps = [], [f"{1e3 * gap:.4g}" for gap in self.gaps] + [""]
