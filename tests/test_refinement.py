@@ -10,6 +10,7 @@ import pounding_sweep as ps
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.plan import advice
 from pounding_sweep.plan.advice import CLASSES, Curve, Measured
+from pounding_sweep.plan.scenarios import ChunkTask
 from pounding_sweep.run import refinement
 from pounding_sweep.run.refinement import differences
 from pounding_sweep.variables.registry import (
@@ -95,6 +96,53 @@ def test_what_does_not_settle_says_so(monkeypatch):
     assert unsettled.any()
     np.testing.assert_array_equal(unsettled, (found["error_estimate"] > 1e-6))
     assert np.isfinite(found["displacement_max"][unsettled]).any()  # it has the values of the finest run
+
+
+def runs_of(monkeypatch, values):
+    """Refine one scenario in single precision whose outputs are those of a formula; steps and formats of its runs."""
+    runs = []
+
+    def run_once(task):
+        kernel = task.kernel
+        n, halvings = len(task.table), int(np.log2(kernel.numerics.refinement / begun.numerics.refinement) + 0.5)
+        runs.extend([(kernel.numerics.precision, halvings)] * n)
+        displacement, count = values(kernel.numerics.precision, halvings)
+        status = np.full(n, int(Status.OK), np.int8)
+        named = {"unsettled_output": np.zeros(n, np.int8), "error_estimate": np.zeros(n), "status": status}
+        return {"displacement_max": np.full((n, 1), displacement), "impact_count": np.full((n, 1), count)} | named
+
+    plan = make(
+        laws="linear", gaps=[0.003], stiffness_factors=[1.0], records=motions()[0], dt=None, method=None, accuracy=1e-3
+    ).plan()
+    begun = plan.kernel(0, record=0, steps=int(plan.steps[0]))
+    assert begun.numerics.precision == "float32"
+    monkeypatch.setattr(refinement, "run_once", run_once)
+    outputs = ["displacement_max", "impact_count", "error_estimate"]
+    table = plan.unique[:1]
+    task = ChunkTask(begun, plan.spec.records[0], table, plan.variants[table.variant], outputs)
+    return runs, Status(int(refinement.run_scenarios(task)["status"][0]))
+
+
+SINGLE = [("float32", 1), ("float32", 0)]
+
+
+@pytest.mark.parametrize(
+    ("values", "doubles", "status"),
+    [
+        # what rounds is the run in single precision
+        (lambda form, n: (1.0 + 0.01 * (form == "float32") * n, 7), [2, 1], Status.OK),
+        # all is settled but a number of impacts, which never will be
+        (lambda form, n: (1.0, 7 + n % 2), [2, 1], Status.UNSETTLED),
+        # the difference falls by the order, late
+        (lambda form, n: (1.0 + 16.0 ** (2 - n), 7), [2, 1, 3, 4, 5, 6], Status.OK),
+        # it does not fall
+        (lambda form, n: (1.0 + 0.01 * (n % 2), 7), [2, 1, 3, 4], Status.UNSETTLED),
+    ],
+)
+def test_refinement_ends_where_finer_steps_change_nothing(monkeypatch, values, doubles, status):
+    runs, ended = runs_of(monkeypatch, values)
+    assert runs == [*SINGLE, *(("float64", n) for n in doubles)]
+    assert ended == status
 
 
 def test_a_scenario_is_refined_alike_whatever_is_beside_it(monkeypatch):

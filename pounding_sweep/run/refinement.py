@@ -3,8 +3,8 @@
 A touch that only just happens, or a row of impacts, magnifies errors of a step by any factor, so each scenario runs at
 its step and at half of it. Its error is three times what the order of the scheme makes of the difference, twice all of
 it where that is one of rounding, and all of it in a number of impacts. Where it is too large, the step is halved again,
-in double precision. Two runs in single precision round the same inputs alike, so one has its inputs and gaps changed by
-as much as rounding.
+in double precision, until the error is small enough or no longer falls. Two runs in single precision round the same
+inputs alike, so one has its inputs and gaps changed by as much as rounding.
 """
 
 from __future__ import annotations
@@ -41,6 +41,10 @@ APART = 5e-7
 #: Impacts of one floor beyond which a scenario is held to less than what was asked, in proportion: the more often
 #: floors meet, the likelier some graze each other by less than the error, and are counted or not.
 GRAZES = 16.0
+
+#: Difference of two runs in double precision within which smooth outputs change no more, and part of the one before
+#: which it is at most while finer steps still help: a number of impacts, or what is chaotic, then settles at none.
+SETTLED_SMOOTH, LEAST_FALL = 1e-9, 0.5
 
 #: What the difference of two runs is divided by where it is one of rounding: either errs as much as the other.
 ROUNDS = 0.5
@@ -140,12 +144,12 @@ def _run(task: ChunkTask) -> Values:
 
 
 def _run_refined(task: ChunkTask, accuracy: float) -> Values:
-    """Run scenarios until half the step changes no output by more than `accuracy`."""
+    """Run scenarios until half the step changes no output by more than `accuracy`, or no longer changes them less."""
     kernel, record, table, *_ = task
     rows, result, halvings, outputs = np.arange(len(table)), Values(), 0, comparable(task.outputs)
-    errors = np.full((len(table), len(outputs)), np.inf)
+    errors, earlier = np.full((len(table), len(outputs)), np.inf), np.full(len(table), np.inf)
     while len(rows) and halvings < MOST_HALVINGS and not step_fault(record, 2.0 * kernel.numerics.steps(record)):
-        kernel, halvings = halved(kernel, record), halvings + 1
+        longer, kernel, halvings = kernel, halved(kernel, record), halvings + 1
         if halvings > SINGLE_HALVINGS:
             kernel = kernel.in_double
         fine = _run(task.part(rows)._replace(kernel=kernel))
@@ -153,8 +157,23 @@ def _run_refined(task: ChunkTask, accuracy: float) -> Values:
             coarse = run_once(task._replace(table=apart(task.kernel, table, fine)))
         impacts = fine.get("impact_count", np.zeros((len(rows), 1))).reshape(len(rows), -1).max(axis=1, initial=0)
         allowed = accuracy / np.maximum(1.0, impacts / GRAZES)
+        is_valid = np.isin(fine["status"], VALID)
         errors[rows] = differences(outputs, coarse, fine, leeway(kernel, accuracy, allowed).reshape(-1, 1))
-        rest = (errors[rows].max(axis=1, initial=0.0) > allowed) | ~np.isin(fine["status"], VALID)
+        beyond = (errors[rows].max(axis=1, initial=0.0) > allowed) & is_valid
+        is_double = kernel.numerics.precision == "float64"
+        if is_double and longer.in_double != longer and beyond.any():  # it may be the coarse run that rounds
+            coarse = run_once(task.part(rows[beyond])._replace(kernel=longer.in_double))
+            some = {name: values[beyond] for name, values in fine.items()}
+            divisors = leeway(kernel, accuracy, allowed[beyond]).reshape(-1, 1)
+            errors[rows[beyond]] = differences(outputs, coarse, some, divisors)
+            beyond &= errors[rows].max(axis=1, initial=0.0) > allowed
+        # a number of impacts may be one more or less at any step
+        smooth = errors[rows][:, [fine[name].dtype.kind == "f" for name in outputs]].max(axis=1, initial=0.0)
+        if is_double:
+            beyond &= (smooth > SETTLED_SMOOTH) & ~(smooth > LEAST_FALL * earlier[rows])
+        if halvings > SINGLE_HALVINGS + 1:
+            earlier[rows] = smooth
+        rest = beyond | ~is_valid
         if len(rows) == len(table):
             result = fine
         else:
