@@ -253,7 +253,7 @@ def noter(group: Group, put: Callable[[Any, int, Any], None], first: Any) -> Cal
                 elif group.spec.impulsive or not group.spec.located:
                     value = s["force_end", q]
                 else:
-                    contact = group.static_contacts()[q]
+                    contact = list(group.iter_contacts(static=True))[q]
                     d, v = contact.penetration(), contact.between(group.floors("v"))
                     value = contact.law.pressing(contact.k_active, contact.c_active, d, v)
                 put(row, place.first[name] + q, value)

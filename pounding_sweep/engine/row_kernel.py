@@ -422,6 +422,7 @@ PROPERTIES: dict[str, Callable[[Variants], np.ndarray]] = {
     "hardening": lambda row: row.hardenings,
     "yield_drift": lambda row: np.minimum(row.yield_drifts, ELASTIC),
     "geometric": lambda row: row.geometric_stiffnesses,
+    "flexibility": lambda row: row.flexibilities,
     "drift_limit": lambda row: np.minimum(row.drift_limits, ELASTIC)[None, :],
     "tangent": _of_storeys(lambda b: b.damping_stiffness == "tangent"),
     # shares of each contact's push that the floors below and above it take

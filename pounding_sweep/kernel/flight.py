@@ -123,7 +123,7 @@ def watched(group: Group) -> list[Watched]:
 
     first = probe.state.first
     quantities = [
-        Watched(TOUCH, weights(contact.between), first["gap"] + contact.sides[2], -1, False)
+        Watched(TOUCH, weights(contact.between), first["gap"] + contact.gap_index, -1, False)
         for contact in probe.iter_contacts()
     ]
     for storey in hysteresis.iter_storeys(probe):
@@ -465,8 +465,8 @@ class Flight:
         group, w, m_wide = self.group, self.rows, self.layout.wide_modes
         if "energy" not in group.requested:
             return
-        for b, floors in enumerate(group.building_floors) if self.coupled else group.iter_buildings():
-            stored, gained = lane_of(kinetic(group, floors) + strain(group, floors), lane), constant(0.0)
+        for b, floors in enumerate(group.spec.floors) if self.coupled else group.iter_buildings():
+            stored, gained = lane_of(kinetic(group, b, floors) + strain(group, b, floors), lane), constant(0.0)
             for m in () if self.coupled else floors:
                 q, p, at = w.number("q", m), w.number("p", m), self._known(t) * m_wide + m
                 more = self.number("adjoint_q", at) * q + self.number("adjoint_p", at) * p
@@ -597,7 +597,7 @@ class Flight:
 
     def _storey_limits(self, i: Any, lane: Any, kind: int) -> tuple[Any, Any]:
         """Drifts at which a storey begins to yield, or falls, to either side, or at which its shear is the largest."""
-        storey, k = Storey(self.group, i, None), self._storey_stiffness(i)
+        storey, k = Storey(self.group, i, ()), self._storey_stiffness(i)
         if kind == ONSET:
             middle, reach = storey.slip, storey.yield_drift
             if self.group.spec.falling:

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Callable, Iterator, Sequence
-from functools import cached_property, reduce
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import reduce
 from itertools import groupby
-from operator import add, sub
+from operator import add
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 from llvmlite import ir
 
-from pounding_sweep.kernel.spec import TOLERANCES, KernelSpec, LawShape, input_slots, property_slots, result_slots
+from pounding_sweep.kernel.spec import (
+    TOLERANCES,
+    KernelSpec,
+    LawShape,
+    input_slots,
+    property_slots,
+    result_slots,
+)
 from pounding_sweep.lanes import (
     Cell,
     Count,
@@ -25,6 +32,7 @@ from pounding_sweep.lanes import (
     Vector,
     count_to,
     everywhere,
+    fma,
     maximum,
     minimum,
     power,
@@ -36,6 +44,9 @@ from pounding_sweep.lanes import (
 from pounding_sweep.model.formula import read, value
 from pounding_sweep.model.laws import RESTING_SPEED
 
+#: An end of an element: a degree of freedom, or its place among some, whether the stretch grows (1) or falls (-1) with
+#: it, and its share (None: all).
+End = tuple[Any, int, Any]
 #: Constants that all lanes share even where buildings vary.
 SHARED = frozenset({"u0", "v0", "cap", "newmark_beta", "newmark_gamma", "settles"})
 #: What a reducer asks of each sub-step of a closed contact, each with those before it: nothing, the penetration at
@@ -186,8 +197,6 @@ class Group:
         rows |= {"u": n, "v": n, "u0": n, "v0": n, "h": 1, "g0": 1, "g1": 1}
         if spec.implicit or self.has_events or spec.links:
             rows |= {"a0": n}
-        if not spec.by_series:
-            rows |= {"flexibility": n}
         if "acceleration" in self.requested:
             rows |= dict.fromkeys(("acc_start", "acc_end", "acc_rate_start", "acc_rate_end"), n)
         if not spec.fused:  # sums over the stages of a step, and its stages
@@ -271,10 +280,6 @@ class Group:
         """Whether the storey below floor i has a dashpot; of floors known at run time, whether any has."""
         return bool(self.spec.dashpots) and (not isinstance(i, int) or i in self.spec.dashpots)
 
-    def has_separate_damper(self, i: Any) -> bool:
-        """Whether the damper of the storey below floor i is no share of its stiffness."""
-        return self.yields(i) or self.dashed(i)
-
     def prop(self, name: str, i: int = 0) -> Any:
         """Return a constant of the scene: of a floor, building or contact; per lane where buildings vary."""
         if self.spec.varied and name not in SHARED and f"p_{name}" in self._inputs.count:
@@ -316,11 +321,6 @@ class Group:
         """Return a row of each floor, and of foundations."""
         return [self.state[name, i] for i in range(self.spec.n_moving)]
 
-    @cached_property
-    def building_floors(self) -> list[list[int]]:
-        """Floors of each building."""
-        return [list(range(self.spec.home(b), self.spec.home(b) + n)) for b, n in enumerate(self.spec.storeys)]
-
     @property
     def looped(self) -> bool:
         """Whether the row has too many floors for one straight line of code: it goes through them at run time."""
@@ -328,54 +328,46 @@ class Group:
 
     def _in_runs(self, items: Sequence[tuple[int, ...]], key: Callable[[int], Any]) -> Iterator[tuple[Any, Any, Any]]:
         """Go through rows of whole numbers: what those in a run have in common, number, row; of several at run time."""
-        table = Lookup([x for item in items for x in item])
         for kind, run in groupby(range(len(items)), key):
             first, *others = run
             if not others:
                 yield kind, first, items[first]
                 continue
+            width, table = len(items[first]), Lookup([x for k in (first, *others) for x in items[k]])
             for q in count_to(1 + len(others)):
-                number, width = q + first, len(items[first])
-                yield kind, number, [table[width * number + k] for k in range(width)]
+                yield kind, q + first, [table[width * q + k] for k in range(width)]
 
-    def static_contacts(self, touching: bool = True) -> list[Contact]:
-        """Return all contacts, whose numbers are known."""
-        contacts = enumerate(self.contacts if touching else self.spec.contacts)
-        return [Contact(self, j, sides, *self._kind(j)) for j, sides in contacts]
+    def _ends(self, dofs: Iterable[Any], kinds: Sequence[tuple[int, str]], number: Any) -> list[End]:
+        """Return the ends of element `number`: degrees of freedom, or their places, by signs and names of shares."""
+        return [
+            (i, sign, self.prop(share, number) if share else None) for i, (sign, share) in zip(dofs, kinds, strict=True)
+        ]
 
-    def _kind(self, j: int) -> tuple[int, bool, int]:
-        """Side of contact j whose columns are struck (-1: floors meet), whether they stand on the ground, its law."""
-        spec = self.spec
-        side = spec.struck[j] if spec.struck else -1
-        grounded = side >= 0 and spec.bottom[spec.contacts[j][side]]
-        return side, grounded, spec.bumped[j] if spec.bumped else 0
+    def iter_contacts(self, straight: bool = False, touching: bool = True, static: bool = False) -> Iterator[Contact]:
+        """Go through the contacts, at run time (in a short row, if not `straight`; `static`: their numbers are known).
 
-    def iter_contacts(self, straight: bool = False, touching: bool = True) -> Iterator[Contact]:
-        """Go through the contacts, at run time (in a short row, if not `straight`); not `touching`: closings too."""
-        contacts = self.contacts if touching else self.spec.contacts
-        if self.trace is None or (straight and not self.looped):
-            yield from self.static_contacts(touching)
-            return
+        Not `touching`: closings too.
+        """
+        spec, contacts = self.spec, self.contacts if touching else self.spec.contacts
+        static = static or self.trace is None or (straight and not self.looped)
+        shapes = [spec.contact_ends(j) for j in range(len(contacts))]
+        rows = [(gap, *dofs) for (*_, gap), (dofs, _) in zip(contacts, shapes, strict=True)]
+        runs = self._in_runs(rows, lambda j: (shapes[j][1], spec.bumped[j] if spec.bumped else 0, j if static else 0))
+        for (kinds, law, _), j, (gap, *dofs) in runs:
+            yield Contact(self, j, self._ends(dofs, kinds, j), gap_index=gap, law_index=law)
 
-        def kind_of(j: int) -> tuple[tuple[bool, ...], tuple[int, bool, int]]:
-            return tuple(i < 0 for i in contacts[j][:2]), self._kind(j)
-
-        for (walls, kind), j, (*sides, gap) in self._in_runs(contacts, kind_of):
-            left, right = (-1 if wall else side for wall, side in zip(walls, sides, strict=True))
-            yield Contact(self, j, (left, right, gap), *kind)
-
-    def iter_links(self) -> Iterator[tuple[Any, tuple[Any, Any]]]:
-        """Go through the links and the floors that they join; in a long row at run time."""
-        if not (self.looped and self.spec.links):
-            yield from enumerate(self.spec.links)
-            return
-        for _, j, (left, right) in self._in_runs(self.spec.links, lambda _: 0):
-            yield j, (left, right)
+    def iter_links(self, straight: bool = False) -> Iterator[Spring]:
+        """Go through the links; in a long row at run time, if not `straight`."""
+        links = self.spec.links
+        at_run_time = self.looped and not straight
+        for _, j, dofs in self._in_runs(links, lambda j: None if at_run_time else j):
+            k, c = self.prop("link_k", j), self.prop("link_c", j)
+            yield Spring(self, j, self._ends(dofs, ((1, ""), (-1, "")), j), stiffness=k, damping=c)
 
     def iter_buildings(self) -> Iterator[tuple[Any, list[Any]]]:
         """Go through the buildings and their floors; those of a long row that are equally high at run time."""
         if not self.looped:
-            yield from enumerate(self.building_floors)
+            yield from enumerate(self.spec.floors)
             return
         spec = self.spec
         order = sorted(range(spec.n_buildings), key=lambda b: spec.storeys[b])
@@ -389,26 +381,56 @@ class Group:
             yield from (self.storey(i) for i in those)
             return
         bottom = self.spec.bottom
-        floors = sorted(those, key=lambda i: not bottom[i])
-        for grounded, _, (i,) in self._in_runs([(i,) for i in floors], lambda k: bottom[floors[k]]):
-            yield Storey(self, i, None if grounded else i - 1)
+        shapes = [self.spec.storey_ends(i) for i in sorted(those, key=lambda i: not bottom[i])]
+        for kinds, _, dofs in self._in_runs([dofs for dofs, _ in shapes], lambda k: shapes[k][1]):
+            yield Storey(self, dofs[0], self._ends(dofs, kinds, dofs[0]))
 
     def storey(self, i: int) -> Storey:
         """Return a storey whose number is known."""
-        return Storey(self, i, self.spec.below(i))
+        return Storey(self, i, self._ends(*self.spec.storey_ends(i), i))
 
-    def iter_parts(self, as_row: bool = False) -> Iterator[tuple[list[tuple[Any, list[Any]]], list[Any]]]:
-        """Go through what is worked out at once, and its degrees of freedom: buildings, or the whole row (`as_row`)."""
+    def part(self, *buildings: tuple[Any, list[Any]]) -> Part:
+        """Return what is worked out at once: some buildings, each with its floors."""
+        spec, dofs, places = self.spec, list[Any](), dict[int, int]()
+        known = [b if isinstance(b, int) else spec.storeys.index(len(floors)) for b, floors in buildings]
+        for like, (_, floors) in zip(known, buildings, strict=True):
+            places |= {i: len(dofs) + s for s, i in enumerate(spec.floors[like])}
+            dofs += floors
+        for like in known:
+            places |= {i: len(dofs) + k for k, i in enumerate(spec.base(like) or ())}
+            dofs += spec.base(like) or ()
+        blocks = []
+        for like, (b, floors) in zip(known, buildings, strict=True):
+            base = spec.base(like) or ()
+            here = [places[i] for i in (*spec.floors[like], *base)]
+            blocks.append(Block(b, here, not base, self._elements(like, b, floors, places)))
+        return Part(dofs, blocks)
+
+    def iter_parts(self, as_row: bool = False) -> Iterator[Part]:
+        """Go through what is worked out at once: buildings, or the whole row (`as_row`)."""
         if as_row or self.spec.foundations:
-            yield list(enumerate(self.building_floors)), list(range(self.spec.n_moving))
+            yield self.part(*enumerate(self.spec.floors))
             return
-        for b, floors in self.iter_buildings():
-            yield [(b, floors)], floors
+        for building in self.iter_buildings():
+            yield self.part(building)
 
-    def deformation(self, i: Any, x: Any, p: Any) -> Any:
-        """Motion relative to the base of floor i, whose value is number p of `x`."""
-        base = self.spec.base_of(i)
-        return x[p] if base is None else x[p] - x[base[0]] - self.prop("elevation", i) * x[base[1]]
+    def _elements(self, like: int, b: Any, floors: Sequence[Any], places: Mapping[int, int]) -> list[Spring]:
+        """Elements of a building, which is like one that is known, their ends by the places of that one's."""
+        spec, base = self.spec, self.spec.base(like) or ()
+
+        pairs = list(zip(spec.floors[like], floors, strict=True))
+        storeys = [(i, *spec.storey_ends(k)) for k, i in pairs]
+        elements: list[Spring] = [
+            Storey(self, i, self._ends([places[k] for k in dofs], kinds, i), building=b) for i, dofs, kinds in storeys
+        ]
+        for k, i in pairs if base else ():  # what its a m of Rayleigh's resists is the motion relative to the base
+            ends = self._ends([places[k], *(places[q] for q in base)], ((1, ""), (-1, ""), (-1, "elevation")), i)
+            drag = self.prop("m", i) * self.prop("alpha", b)
+            elements.append(Spring(self, i, ends, stiffness=None, damping=drag))
+        for i in base:
+            k, c = self.prop("k", i), self.prop("dashpot", i)
+            elements.append(Spring(self, i, [(places[i], 1, None)], stiffness=k, damping=c))
+        return elements
 
     def rocks(self, i: Any) -> bool:
         """Whether a degree of freedom is a rotation, which the ground does not accelerate."""
@@ -428,11 +450,41 @@ class Group:
         return table[at], spec.storeys[0] if len(set(spec.storeys)) == 1 else table[at + 1], table[at + 2]
 
 
-class Indexed:
-    """A contact or a storey of a loop: its rows of the state, and properties of the scene, are its attributes."""
+class Block(NamedTuple):
+    """A building of what is worked out at once."""
 
-    def __init__(self, group: Group, index: Any) -> None:
-        self.__dict__.update(group=group, index=index)
+    b: Any  # its number
+    places: list[int]  # of its floors, then of its foundation's sway and rocking
+    on_ground: bool  # it has no foundation: a m of Rayleigh's resists the motion relative to the ground
+    elements: list[Spring]  # whose ends are places
+
+
+class Part(NamedTuple):
+    """What is worked out at once."""
+
+    dofs: list[Any]  # degree of freedom at each place
+    blocks: list[Block]
+
+
+def signed_sum(terms: Sequence[tuple[int, Any]]) -> Any:
+    """Sum of some terms, each after its sign (1 or -1)."""
+    (sign, total), *rest = sorted(terms[:2], key=lambda term: -term[0]) + list(terms[2:])
+    total = total if sign > 0 else -total
+    for sign, x in rest:
+        total = total + x if sign > 0 else total - x
+    return total
+
+
+class Element:
+    """What resists a stretch, the sum of its ends' displacements by signs and shares.
+
+    Its rows of the state, and properties of the scene, are its attributes; its index may be one of a loop at run time.
+    """
+
+    # numbers: what else is known of it
+
+    def __init__(self, group: Group, index: Any, ends: Sequence[End], **numbers: Any) -> None:
+        self.__dict__.update(group=group, index=index, ends=ends, **numbers)
 
     def __getattr__(self, name: str) -> Any:
         state = self.group.state
@@ -446,18 +498,44 @@ class Indexed:
         for name, x in rows.items():
             self.group.state.put(lanes, x, name, self.index)
 
+    def between(self, x: Any = "u", rounding: bool = False) -> Any:
+        """Stretch of a row's name, or of values of its ends; or the sum of sizes by which it is rounded."""
+        parts = [(sign, part_of(self.group.floor(x, i), share)) for i, sign, share in self.ends]
+        return reduce(add, [size(part) for _, part in parts]) if rounding else signed_sum(parts)
 
-class Contact(Indexed):
-    """A contact that is known beforehand, or at run time."""
+    def on_ends(self, force: Any) -> list[tuple[Any, int, Any]]:
+        """Return what a force that resists the stretch does at each end: the sign, to the right, and how much of it."""
+        return [(i, -sign, part_of(force, share)) for i, sign, share in self.ends]
 
-    # sides: left floor, right floor (-1: a wall), gap
-    # struck: the side whose columns are struck, -1 where floors meet; whether they stand on the ground
 
-    def __init__(
-        self, group: Group, index: Any, sides: Sequence[Any], struck: int, grounded: bool, law_index: int
-    ) -> None:
-        super().__init__(group, index)
-        self.__dict__.update(sides=sides, struck=struck, grounded=grounded, law_index=law_index)
+class Spring(Element):
+    """A linear spring and a dashpot, of a `stiffness` and a `damping`; without stiffness (None) the dashpot alone."""
+
+    def force(self, x: Any, y: Any, *_: Any) -> Any:
+        """Force at displacements x and velocities y."""
+        if self.stiffness is None:
+            return self.damping * self.between(y)
+        return fma(self.damping, self.between(y), self.stiffness * self.between(x))
+
+    def resistance(self, be: Any, ga: Any) -> Any:
+        """Stiffness against an acceleration at the end of a Newmark step: stiffness by `be`, damping by `ga`."""
+        return ga * self.damping if self.stiffness is None else fma(ga, self.damping, be * self.stiffness)
+
+    def lost(self, y: Any) -> Any:
+        """Power (kW) that its damping takes."""
+        rate = self.between(y)
+        return self.damping * (rate * rate)
+
+    def stored(self, x: Any, about_rest: bool = False) -> Any:
+        """Energy (kJ) that its spring holds."""
+        stretch = self.between(x)
+        return 0.0 if self.stiffness is None else 0.5 * self.stiffness * stretch * stretch
+
+
+class Contact(Element):
+    """A contact that is known beforehand, or at run time; a wall is at rest."""
+
+    # gap_index, law_index: which gap and which of the kernel's laws are its own
 
     @property
     def law(self) -> LaneLaw:
@@ -472,48 +550,37 @@ class Contact(Indexed):
     @property
     def gap(self) -> Any:
         """Gap (m)."""
-        return self.group.state["gap", self.sides[2]]
+        return self.group.state["gap", self.gap_index]
 
-    def floors_of(self, side: int) -> list[tuple[Any, Any]]:
-        """Floors that it acts on at its left (0) or right (1) side, and the share of each (None: all)."""
-        floor = self.sides[side]
-        if is_wall(floor):
-            return []
-        if side != self.struck:
-            return [(floor, None)]
-        return [(floor, self.upper)] if self.grounded else [(floor - 1, self.lower), (floor, self.upper)]
-
-    def ends(self) -> list[tuple[Any, str, Any]]:
-        """Floors that it pushes: the floor, the sign of the force on it, and its share (None: all)."""
-        return [(floor, sign, share) for side, sign in enumerate("-+") for floor, share in self.floors_of(side)]
-
-    def between(self, x: Any) -> Any:
-        """Left minus right of its floors, a wall being at rest; x: of all floors, or a row's name."""
-        sums: list[Any] = []
-        for side in (0, 1):
-            parts = [part_of(self.group.floor(x, i), share) for i, share in self.floors_of(side)]
-            sums.append(parts[0] + parts[1] if len(parts) > 1 else parts[0] if parts else None)
-        left, right = sums
-        if left is None:
-            return -right
-        return left if right is None else left - right
+    @property
+    def sides(self) -> list[Any]:
+        """Floors that meet, the left one first, of struck columns the floor above; of a wall None."""
+        floors = {sign: i for i, sign, _ in self.ends}
+        return [floors.get(1), floors.get(-1)]
 
     def penetration(self, name: str = "u") -> Any:
         """Penetration (m)."""
         return self.between(name) - self.gap
 
 
-class Storey(Indexed):
-    """The storey below a floor, which is its index; `below` is the floor at its foot (None: the ground)."""
+class Storey(Spring):
+    """The storey below a floor, which is its index."""
 
-    def __init__(self, group: Group, index: Any, below: Any) -> None:
-        super().__init__(group, index)
-        self.__dict__["below"] = below
+    # building: its number, where forces are asked for
+    drift = Element.between
 
     @property
     def stiffness(self) -> Any:
         """Elastic stiffness (kN/m)."""
         return self.group.prop("k", self.index)
+
+    @property
+    def damping(self) -> Any:
+        """Its damper: beta k of Rayleigh's, of the stiffness that this follows, and a dashpot (kN s/m)."""
+        group, i = self.group, self.index
+        k = group.state["kd", i] if group.spec.tangent and group.yields(i) else self.stiffness
+        damping = group.prop("beta", self.building) * k
+        return damping + group.prop("dashpot", i) if group.dashed(i) else damping
 
     @property
     def exponent(self) -> float:
@@ -525,19 +592,43 @@ class Storey(Indexed):
         """Stiffness while it yields, and what that is less than the elastic one."""
         return self.hardening * self.stiffness, (1.0 - self.hardening) * self.stiffness
 
-    def drift(self, x: Any = "u", rounding: bool = False) -> Any:
-        """Drift (m), of a row's name or of values floor by floor; or the sum of sizes by which it is rounded."""
-        group, base = self.group, self.group.spec.base_of(self.index)
-        parts = [group.floor(x, i) for i in (self.index, self.below) if i is not None]
-        parts += [] if base is None else [self.height * group.floor(x, base[1])]
-        return reduce(add, map(size, parts)) if rounding else reduce(sub, parts)
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is elastic, and its damper a share of its stiffness: its force is k (x + beta y)."""
+        return not (self.group.yields(self.index) or self.group.dashed(self.index))
+
+    def force(self, x: Any, y: Any, w: Any, constant: bool) -> Any:
+        """Force at displacements x, velocities y, and w = x + beta y; of rates without its `constant`."""
+        group, i = self.group, self.index
+        if self.is_plain:
+            return self.stiffness * self.between(w)
+        drift, rate = self.between(x), self.between(y)
+        if not group.yields(i):
+            elastic = self.stiffness * drift
+        elif constant or (group.spec.series and i in dict(group.spec.smooth)):
+            elastic = fma(self.kt, drift, self.ct)
+        else:
+            elastic = self.kt * drift
+        return fma(self.damping, rate, elastic)
+
+    def resistance(self, be: Any, ga: Any) -> Any:
+        """Stiffness against an acceleration at the end of a Newmark step, its damper included."""
+        if self.is_plain:
+            return fma(ga, self.group.prop("beta", self.building), be) * self.stiffness
+        k = self.kt if self.group.yields(self.index) else self.stiffness
+        return fma(ga, self.damping, be * k)
+
+    def stored(self, x: Any, about_rest: bool = False) -> Any:
+        """Elastic energy (kJ), of a storey that yields about zero or about the drift at which it rests."""
+        drift, yields = self.between(x), self.group.yields(self.index)
+        if yields and not about_rest:
+            (hard, soft), z = self.hardened, drift - self.slip
+            return 0.5 * (hard * drift * drift + soft * z * z)
+        if yields:
+            drift = drift - (1.0 - self.hardening) * self.slip
+        return 0.5 * self.stiffness * drift * drift
 
 
 def part_of(force: Any, share: Any) -> Any:
     """Return the share of a force (None: all of it)."""
     return force if share is None else share * force
-
-
-def is_wall(floor: Any) -> bool:
-    """Whether a side of a contact is a wall."""
-    return not isinstance(floor, Count) and floor < 0

@@ -12,7 +12,7 @@ from typing import Any
 
 from pounding_sweep.kernel import transfers
 from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, course_of, is_closed, is_due, note_onset
-from pounding_sweep.kernel.group import Contact, Group, is_wall
+from pounding_sweep.kernel.group import Contact, Group
 from pounding_sweep.kernel.roots import NEVER, first_crossing
 from pounding_sweep.kernel.row import put_accelerations
 from pounding_sweep.lanes import Cell, maximum, minimum, real, size, when_any, where, while_any
@@ -79,7 +79,7 @@ def equalise(group: Group, x: Sequence[Any], resting: Sequence[Any]) -> tuple[li
 
 def resting(group: Group) -> list[Any]:
     """Lanes in which the floors of each contact rest on each other."""
-    return [contact.k_active > 0.0 for contact in group.static_contacts()]
+    return [contact.k_active > 0.0 for contact in group.iter_contacts(static=True)]
 
 
 def resting_accelerations(group: Group, lanes: Any) -> None:
@@ -121,8 +121,7 @@ def locate_event(group: Group, asks: Any) -> Any:
         share = maximum(early / (early - late), LEAST_SHARE)  # a force may rise before it falls
         contact.put(asks, event=where(pulls, share, NEVER), next=where(pulls, OPEN, mode))
         # what a penetration at either end of the trial is the difference of
-        floors = [i for i in contact.sides[:2] if not is_wall(i)]
-        far = sum((size(group.state[name, i]) for i in floors for name in ("u0", "u")), start=size(contact.gap))
+        far = size(contact.gap) + sum(contact.between(name, rounding=True) for name in ("u0", "u"))
         clear = group.limit.clear * far
         crosses = d1 > maximum(d0, 0.0) + clear
         busy = asks & ~closed & (crosses | (minimum(d0 + h * v0, d1 - h * v1) > 0.0))
@@ -148,7 +147,7 @@ def force_rates(group: Group, end: str) -> None:
     s = group.state
     slope = (s["g1"] - s["g0"]) / maximum(s["h"], group.limit.tiny)  # a wall moves as the ground
     _, rates = equalise(group, [x - slope for x in group.floors(f"acc_rate_{end}")], resting(group))
-    for contact, x in zip(group.static_contacts(), rates, strict=True):
+    for contact, x in zip(group.iter_contacts(static=True), rates, strict=True):
         setattr(contact, f"force_rate_{end}", x)
 
 
@@ -179,11 +178,11 @@ def _jump(contact: Contact, lanes: Any, v: Any, e: Any) -> None:
     """Velocities of two floors that meet at the rate v jump: v -> -e v, momentum kept (Newton's impact law)."""
     group = contact.group
     s, r, m = group.state, group.requested, contact.reduced
-    left, right, _ = contact.sides
+    left, right = contact.sides
     p = (1.0 + e) * m * v
-    if not is_wall(left):
+    if left is not None:
         _set_speed(group, left, lanes, s["v", left] - p * group.prop("im", left))
-    if not is_wall(right):
+    if right is not None:
         _set_speed(group, right, lanes, s["v", right] + p * group.prop("im", right))
     if "impulse" in r:
         contact.impulse += where(lanes, p, 0.0)
@@ -220,7 +219,7 @@ def _stop_approach(group: Group, lanes: Any) -> None:
     speeds, impulses = equalise(group, group.floors("v"), resting(group))
     for i in {i for left, right, _ in group.contacts for i in (left, right) if i >= 0}:
         _set_speed(group, i, lanes, speeds[i])
-    for contact, p in zip(group.static_contacts(), impulses, strict=True):
+    for contact, p in zip(group.iter_contacts(static=True), impulses, strict=True):
         if "impulse" in r:
             contact.impulse += where(lanes, p, 0.0)
         if "work" in r:

@@ -11,7 +11,7 @@ from operator import add
 from typing import Any
 
 from pounding_sweep.kernel import collapse, forces, hysteresis, links
-from pounding_sweep.kernel.group import Contact, Group, is_wall
+from pounding_sweep.kernel.group import Contact, Group, Spring
 from pounding_sweep.kernel.peaks import followed
 from pounding_sweep.kernel.row import kinetic, strain
 from pounding_sweep.lanes import size, sqrt, where
@@ -23,8 +23,8 @@ DAMPED = 4.0
 def note_energies(group: Group, lanes: Any) -> None:
     """Keep the energies that buildings hold at the last point of the record, in some lanes."""
     for b, floors in group.iter_buildings() if "energy" in group.requested else ():
-        group.state.put(lanes, kinetic(group, floors), "e_kin", b)
-        group.state.put(lanes, strain(group, floors), "e_strain", b)
+        group.state.put(lanes, kinetic(group, b, floors), "e_kin", b)
+        group.state.put(lanes, strain(group, b, floors), "e_strain", b)
 
 
 def conclude(group: Group, lanes: Any) -> None:
@@ -33,10 +33,10 @@ def conclude(group: Group, lanes: Any) -> None:
     rests = s["rests"] > 0.0
     settles = where(rests & collapse.stands(group) if group.spec.falling else rests, settles, 0.0)
     for b, floors in group.iter_buildings() if "energy" in group.requested else ():
-        moves = kinetic(group, floors)
-        left = settles * (moves + strain(group, floors, about_rest=True))
+        moves = kinetic(group, b, floors)
+        left = settles * (moves + strain(group, b, floors, about_rest=True))
         s.put(lanes, s["e_damp", b] + left, "e_damp", b)
-        s.put(lanes, moves + strain(group, floors) - left, "e_held", b)
+        s.put(lanes, moves + strain(group, b, floors) - left, "e_held", b)
     if "links" in group.requested:
         links.conclude(group)
 
@@ -45,20 +45,10 @@ def may_change(group: Group) -> Any:
     """Lanes in which floors may still touch, storeys yield or fall, or a peak grow, the ground being at rest."""
     spec, s = group.spec, group.state
     twice, changes = group.cell(0.0), group.cell(False)
-    for _, floors in group.iter_buildings():
-        twice.now += 2.0 * (kinetic(group, floors) + strain(group, floors, about_rest=True))
-        base, flexible = spec.base_of(floors[0]), group.full(0.0)
-        for i in floors:
-            flexible = flexible + 1.0 / group.full(group.prop("k", i))
-            s["flexibility", i] = flexible
-            if base is not None:
-                sway, rocking = (1.0 / group.prop("k", j) for j in base)
-                s["flexibility", i] = flexible + (
-                    sway + group.prop("elevation", i) * group.prop("elevation", i) * rocking
-                )
-    for j, (left, right) in group.iter_links():
-        stretch = s["u", left] - s["u", right]
-        twice.now += group.prop("link_k", j) * stretch * stretch
+    for b, floors in group.iter_buildings():
+        twice.now += 2.0 * (kinetic(group, b, floors) + strain(group, b, floors, about_rest=True))
+    for link in group.iter_links():
+        twice.now += 2.0 * link.stored("u")
     if spec.yielding:
         hysteresis.find_sets(group)
         changes.now = hysteresis.is_yielding(group)
@@ -80,19 +70,18 @@ def may_change(group: Group) -> Any:
     for _, floors in group.iter_buildings() if "acceleration" in group.requested else ():
         for at, i in enumerate(floors):
             stiff = DAMPED * reduce(add, [group.prop("k", j) for j in floors[at : at + 2]])
-            for j, _ in group.iter_links():
-                stiff = stiff + DAMPED * group.prop("link_k", j)
+            for link in group.iter_links():
+                stiff = stiff + DAMPED * link.stiffness
             changes.now |= group.prop("im", i) * sqrt(twice.now * stiff) > s["acc", i]
     return changes.now
 
 
 def between(contact: Contact) -> Any:
     """Square of the most by which a contact closes, over twice the energy; struck columns as the floor above them."""
-    floors = [floor for floor in contact.sides[:2] if not is_wall(floor)]
-    return reduce(add, [contact.group.state["flexibility", floor] for floor in floors])
+    return reduce(add, [contact.group.prop("flexibility", floor) for floor in contact.sides if floor is not None])
 
 
-def of_link(group: Group, j: Any, ends: tuple[Any, Any]) -> Any:
-    """Square of the largest force of link j, over twice the energy."""
-    spring, damper = group.prop("link_k", j), group.prop("link_c", j)
-    return group.full(spring + damper * damper * (group.prop("im", ends[0]) + group.prop("im", ends[1])))
+def of_link(link: Spring) -> Any:
+    """Square of the largest force of a link, over twice the energy."""
+    masses = reduce(add, [link.group.prop("im", i) for i, _, _ in link.ends])
+    return link.group.full(link.stiffness + link.damping * link.damping * masses)

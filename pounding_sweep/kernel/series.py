@@ -17,7 +17,7 @@ import numpy as np
 
 from pounding_sweep.kernel import bouc_wen, collapse, forces, hysteresis, links, march, transfers
 from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, PRESSING, REBOUND, SLACK
-from pounding_sweep.kernel.group import Contact, Group, Indexed, Storey
+from pounding_sweep.kernel.group import Contact, Element, Group, Spring, Storey
 from pounding_sweep.kernel.peaks import followed, take_extremes
 from pounding_sweep.kernel.roots import NEVER, Series, newton, tangents, turn
 from pounding_sweep.kernel.row import Pushes, accelerations, iter_powers, powers
@@ -109,12 +109,13 @@ def _expand_term(group: Group, contacts: bool, k: Any, ground: Any, inverse: Loo
     """Find coefficient k + 1 of all floors from coefficient k of displacements, and of velocities in ``y``."""
     x, push = _Term(group, k), Pushes(group)
     for contact in group.iter_contacts(straight=True) if contacts else ():
-        push.add_contact(contact, _press(contact, k, x))
+        push.add(contact, _press(contact, k, x))
     push.add_links(x, x.rates)
     if group.spec.smooth:
         bouc_wen.begin_term(group, x)
     s, n, per = group.state, group.spec.n_moving, group.state["h"] * inverse[k]
-    for part, moving in group.iter_parts():  # numbers are read building by building: there is room for few
+    for part in group.iter_parts():  # numbers are read building by building: there is room for few
+        moving = part.dofs
         moved, sped = [x[i] for i in moving], [s[x.rates, i] for i in moving]
         a = accelerations(group, part, moved, sped, ground, push.on(moving), x.constant)
         for i, yi, ai in zip(moving, sped, a, strict=True):
@@ -193,8 +194,7 @@ def _depth(contact: Contact) -> Series:
     group = contact.group
 
     def read(k: int) -> Any:
-        d = contact.between(_Term(group, k))
-        return d if k else d - contact.gap
+        return _stretched(contact, k) if k else _stretched(contact, k) - contact.gap
 
     return Series(read if group.spec.yielding else _coefficients(contact, "taylor_pen").__getitem__, group.spec.series)
 
@@ -261,7 +261,7 @@ def _find_event(group: Group) -> None:
     s["land"] = where(s["fraction"] < 1.0, 1.0, 0.0)
 
 
-def _changes(group: Group) -> Iterator[tuple[Indexed, list[Any], tuple[str, str]]]:
+def _changes(group: Group) -> Iterator[tuple[Element, list[Any], tuple[str, str]]]:
     """Go through contacts and storeys: numbers of kinds of changes, and rows of when and to what one changes."""
     # of a contact, of its penetration's sign, and of that of its rate or its force
     for contact in group.iter_contacts():
@@ -420,10 +420,15 @@ def _propose_contact(contact: Contact, choice: _Choice, asks: Any, per: Any) -> 
         propose(1, asks & closed & (c > 0.0), toward, Series(press, depth.order - 1), target)
 
 
+def _stretched(element: Element, k: int) -> Any:
+    """Coefficient k of the stretch of an element."""
+    return element.between(_Term(element.group, k))
+
+
 def _drift(storey: Storey, first: Any, sign: Any) -> Series:
     """Sign times the drift of a storey, its first coefficient given."""
     group = storey.group
-    return Series(lambda k: sign * storey.drift(_Term(group, k)) if k else first, group.spec.series)
+    return Series(lambda k: sign * _stretched(storey, k) if k else first, group.spec.series)
 
 
 def _hull(group: Group, x0: Any, x1: Any, v0: Any, v1: Any) -> tuple[Any, Any]:
@@ -640,9 +645,9 @@ def _integrate(group: Group) -> None:
             storey.travel = fma(weight * per, rate * (z / storey.yield_drift), storey.travel)
         if "energy" in r:
             ground = fma(t, s["g1"] - s["g0"], s["g0"])
-            for part, moving in group.iter_parts():
-                gains = powers(group, part, [s["y", i] for i in moving], ground)
-                for (b, _), (gained, damped) in zip(part, gains, strict=True):
+            for part in group.iter_parts():
+                gains = powers(group, part, [s["y", i] for i in part.dofs], ground)
+                for (b, *_), (gained, damped) in zip(part.blocks, gains, strict=True):
                     s["e_in", b] = fma(weight, gained, s["e_in", b])
                     s["e_damp", b] = fma(weight, damped, s["e_damp", b])
         for contact in group.iter_contacts() if r & {"work", "impulse", "transfer"} else ():
@@ -692,15 +697,13 @@ def _take_size(group: Group, name: str, i: Any, x: Series) -> None:
 
 def _take_links(group: Group) -> None:
     """Take the forces of links over the step."""
-    for j, (left, right) in group.iter_links():
-        k, c = group.prop("link_k", j), group.prop("link_c", j) * _per(group)
-        floors = _floor(group, left), _floor(group, right)
+    for link in group.iter_links():
+        stretch, per = Series(partial(_stretched, link), group.spec.series), _per(group)
 
-        def pull(n: int, k: Any = k, c: Any = c, floors: Any = floors) -> Any:
-            a, b = floors
-            return fma(c, a.rate.read(n) - b.rate.read(n), k * (a.read(n) - b.read(n)))
+        def pull(n: int, link: Spring = link, stretch: Series = stretch, per: Any = per) -> Any:
+            return fma(link.damping * per, stretch.rate.read(n), link.stiffness * stretch.read(n))
 
-        _take_size(group, "link_force", j, Series(pull, group.spec.series - 1))
+        _take_size(group, "link_force", link.index, Series(pull, group.spec.series - 1))
 
 
 def _take_accelerations(group: Group) -> None:

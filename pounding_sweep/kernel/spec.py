@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
-from itertools import accumulate
+from functools import cached_property, lru_cache
+from itertools import accumulate, pairwise
 from typing import Any
 
 #: Scenarios of a group, whose numbers lie side by side; the largest register holds as many in single precision.
@@ -17,7 +17,20 @@ LANES = 16
 
 
 #: Properties that may differ from lane to lane.
-VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "hardening", "yield_drift", "geometric", "dashpot", "longest")
+VARIED = (
+    "m",
+    "im",
+    "k",
+    "alpha",
+    "beta",
+    "reduced",
+    "hardening",
+    "yield_drift",
+    "geometric",
+    "dashpot",
+    "longest",
+    "flexibility",
+)
 
 #: How finely numbers are resolved, in double and in single precision.
 _TOLERANCES = {
@@ -140,6 +153,11 @@ class LawShape:
 
 #: What stands for any law where all that counts is that there is one.
 ANY_LAW = LawShape("k*d", "k", "", "", 1.0, False, False, False)
+
+
+#: Ends of an element: degrees of freedom, and of each whether the stretch grows (1) or falls (-1) with it, and by which
+#: share: a property of the element ("": all of it).
+Ends = tuple[tuple[int, ...], tuple[tuple[int, str], ...]]
 
 
 @dataclass(frozen=True)
@@ -294,7 +312,7 @@ class KernelSpec:
 
     def home(self, b: int) -> int:
         """Lowest floor of a building."""
-        return sum(self.storeys[:b])
+        return self.floors[b][0]
 
     def base(self, b: int) -> tuple[int, int] | None:
         """Sway and rocking of a building's foundation; None where it has none."""
@@ -303,23 +321,36 @@ class KernelSpec:
         sway = self.n_dof + 2 * self.foundations.index(b)
         return sway, sway + 1
 
-    def base_of(self, floor: int) -> tuple[int, int] | None:
-        """Sway and rocking of the foundation below a floor; None where its building has none."""
-        return self.base(self.building_of[floor]) if self.foundations else None
+    def storey_ends(self, floor: int) -> Ends:
+        """Return the ends of the storey below a floor: the floor, the one below, or the foundation, which tilts it."""
+        base = self.base(self.building_of[floor]) or ()
+        below, tilt = base[:1] if self.bottom[floor] else (floor - 1,), base[1:]
+        return (floor, *below, *tilt), ((1, ""), *((-1, "") for _ in below), *((-1, "height") for _ in tilt))
 
-    def below(self, floor: int) -> int | None:
-        """Floor below a floor, or the sway of the foundation; None: the ground."""
-        if not self.bottom[floor]:
-            return floor - 1
-        base = self.base_of(floor)
-        return None if base is None else base[0]
+    def contact_ends(self, j: int) -> Ends:
+        """Return the ends of a contact: floors that meet, or those of a storey whose columns are struck; no wall."""
+        dofs, kinds = list[int](), list[tuple[int, str]]()
+        for side, (floor, sign) in enumerate(zip(self.contacts[j], (1, -1), strict=False)):
+            if self.struck and self.struck[j] == side:
+                dofs += [floor] if self.bottom[floor] else [floor - 1, floor]
+                kinds += [(sign, "upper")] if self.bottom[floor] else [(sign, "lower"), (sign, "upper")]
+            elif floor >= 0:
+                dofs.append(floor)
+                kinds.append((sign, ""))
+        return tuple(dofs), tuple(kinds)
 
-    @property
+    @cached_property
+    def floors(self) -> list[list[int]]:
+        """Floors of each building, the lowest first."""
+        ends = [0, *accumulate(self.storeys)]
+        return [list(range(*pair)) for pair in pairwise(ends)]
+
+    @cached_property
     def building_of(self) -> list[int]:
         """Building of each degree of freedom."""
         return [b for b, n in enumerate(self.storeys) for _ in range(n)]
 
-    @property
+    @cached_property
     def bottom(self) -> list[bool]:
         """Whether a degree of freedom is the lowest floor of its building."""
         return [s == 0 for n in self.storeys for s in range(n)]
@@ -376,6 +407,8 @@ def property_slots(shape: KernelSpec) -> Slots:
     count |= {"drift_limit": floors} if shape.falling else {}
     count |= dict.fromkeys(("wen_beta", "wen_gamma", "wen_limit"), floors) if shape.smooth else {}
     count |= dict.fromkeys(("cap", "newmark_beta", "newmark_gamma", "settles"), 1)
+    # what the energy of a free vibration bounds displacements by, where no bounds of modes do
+    count |= {} if shape.by_series else {"flexibility": floors}
     # shares of a push on columns, of the floor above and below
     count |= dict.fromkeys(("upper", "lower"), contacts) if shape.struck else {}
     count |= {"dashpot": moving} if shape.dashpots or shape.foundations else {}

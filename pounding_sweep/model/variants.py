@@ -120,6 +120,8 @@ class Variants:
     masses = _scaled(lambda building: building.masses, mass=1)
     stiffnesses = _scaled(lambda building: building.lateral_stiffnesses, mass=1, period=2)
     geometric_stiffnesses = _scaled(lambda building: building.geometric_stiffnesses, mass=1)
+    #: Displacements of floors under a unit force on each (m/kN).
+    flexibilities = _scaled(lambda building: building.flexibilities, mass=-1, period=-2)
     #: Yield strengths (kN), infinite where storeys never yield, and dashpots of storeys (kN s/m).
     yield_strengths = _scaled(lambda b: b.yield_strengths or (math.inf,) * b.n_storeys, mass=1, strength=1)
     dashpots = _scaled(lambda b: b.dashpots or (0.0,) * b.n_storeys, mass=1, period=1)

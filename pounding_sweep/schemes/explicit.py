@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.kernel import bouc_wen, impulse, links
-from pounding_sweep.kernel.group import Contact, Group
+from pounding_sweep.kernel.group import Contact, Group, Part
 from pounding_sweep.kernel.march import keep_start
-from pounding_sweep.kernel.row import Part, Pushes, accelerations, iter_powers, powers
+from pounding_sweep.kernel.row import Pushes, accelerations, iter_powers, powers
 from pounding_sweep.lanes import any_lane, fma, when
 from pounding_sweep.schemes.base import Scheme
 
@@ -61,9 +61,7 @@ class Explicit(Scheme):
         grounds = {0.0: g0, 0.5: 0.5 * (g0 + g1), 1.0: g1}
         grounds |= {c: fma(c, g1 - g0, g0) for c, _ in self.nodes if c not in grounds}
         rows, flow = part is None, bouc_wen.Flow(group) if spec.smooth else None
-        floors = [] if part is None else [i for _, members in part for i in members]
-        if len(floors) == spec.n_dof:
-            floors = [*range(spec.n_moving)]
+        floors = [] if part is None else part.dofs
         m: Any = s if rows else {(name, p): s[name, i] for p, i in enumerate(floors) for name in ("u0", "v0")}
 
         def every() -> Iterable[Any]:
@@ -94,21 +92,21 @@ class Explicit(Scheme):
             for contact in group.iter_contacts(straight=True) if press is not None else ():
                 assert press is not None
                 force = press(contact, x, y)
-                push.add_contact(contact, force)
+                push.add(contact, force)
                 if "work" in requested:
                     add("dwork", contact.index, force * contact.between(y))
                 count(contact, force)
             push.add_links(x, y)
             if "links" in requested:
                 links.add_powers(group, x, y, weight, number == 1)
-            parts = [(part, every())] if part is not None else (([b], b[1]) for b in group.iter_buildings())
-            for block, moving in parts:
+            for each in [part] if part is not None else group.iter_parts():
+                moving = each.dofs if rows else every()
                 xs, ys = ([m[name, i] for i in moving] for name in "xy")
-                for i, a in zip(moving, accelerations(group, block, xs, ys, ground, push.on(moving)), strict=True):
+                for i, a in zip(moving, accelerations(group, each, xs, ys, ground, push.on(moving)), strict=True):
                     m[now, i] = a
-                for k, (gained, damped) in enumerate(powers(group, block, ys, ground)) if "energy" in requested else ():
-                    add("din", block[0][0] if rows else k, gained)
-                    add("ddamp", block[0][0] if rows else k, damped)
+                for k, (gained, damped) in enumerate(powers(group, each, ys, ground)) if "energy" in requested else ():
+                    add("din", each.blocks[0].b if rows else k, gained)
+                    add("ddamp", each.blocks[0].b if rows else k, damped)
             if joins:
                 impulse.equalise_rows(group, now, memory=m)
                 for contact in group.iter_contacts(straight=True):
@@ -133,7 +131,7 @@ class Explicit(Scheme):
         for b, floors in group.iter_buildings():
             for i in floors:
                 s["u0", i], s["v0", i] = s["u", i], s["v", i]
-            m = self.step(group, h, [(b, floors)])
+            m = self.step(group, h, group.part((b, floors)))
             for p, i in enumerate(floors):
                 s["u", i], s["v", i] = m["u", p], m["v", p]
             for name in ("din", "ddamp") if "energy" in group.requested else ():
@@ -184,7 +182,7 @@ class Explicit(Scheme):
 
 def _row(group: Group) -> Part | None:
     """All buildings of a short row, and their floors; None of a long one."""
-    return None if group.looped else list(enumerate(group.building_floors))
+    return None if group.looped else group.part(*enumerate(group.spec.floors))
 
 
 def _put(group: Group, m: Any) -> None:

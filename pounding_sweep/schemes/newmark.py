@@ -31,14 +31,12 @@ from pounding_sweep.kernel.forces import (
     slip,
     stick,
 )
-from pounding_sweep.kernel.group import Contact, Group, part_of
+from pounding_sweep.kernel.group import Contact, Group, Part, Storey, part_of, signed_sum
 from pounding_sweep.kernel.march import keep_start
 from pounding_sweep.kernel.row import (
-    Part,
     Pushes,
     accelerations,
     add_forces,
-    damper_stiffness,
     powers,
     put_accelerations,
 )
@@ -57,24 +55,7 @@ def _solve_row(group: Group, part: Part, be: Any, ga: Any, right: Sequence[Any])
     """Return (M + ga C + be K)^-1 `right` of buildings that move as one."""
     # Floors are eliminated in the order in which they have the fewest others left beside them, which is known when the
     # kernel is written.
-    storeys = [_storey_stiffness(group, b, i, be, ga) for b, floors in part for i in floors]
-    diagonal: list[Any] = []
-    coupling: list[dict[int, Any]] = [{} for _ in right]
-    for b, floors in part:
-        for s, i in enumerate(floors):
-            p, m = len(diagonal), group.prop("m", i)
-            if group.spec.base_of(i) is not None:
-                diagonal.append(m)
-                continue
-            stiffness = storeys[p] if i is floors[-1] else storeys[p] + storeys[p + 1]
-            diagonal.append(fma(m, ga * group.prop("alpha", b), m) + stiffness)
-            if s:
-                coupling[p][p - 1] = coupling[p - 1][p] = -storeys[p]
-    _stiffen(group, diagonal, coupling, storeys, be, ga)
-    for j, (p, q) in enumerate(group.spec.links):
-        link = fma(ga, group.prop("link_c", j), be * group.prop("link_k", j))
-        diagonal[p], diagonal[q] = diagonal[p] + link, diagonal[q] + link
-        coupling[p][q] = coupling[q][p] = -link
+    diagonal, coupling = _matrix(group, part, be, ga)
     x, left, done = list(right), set(range(len(right))), []
     while left:
         i = min(left, key=lambda i: (len(coupling[i]), i))
@@ -96,52 +77,37 @@ def _solve_row(group: Group, part: Part, be: Any, ga: Any, right: Sequence[Any])
     return x
 
 
-def _stiffen(
-    group: Group, diagonal: list[Any], coupling: list[dict[int, Any]], storeys: Sequence[Any], be: Any, ga: Any
-) -> None:
-    """Add to the matrix of an implicit step what foundations, and storeys above them by `storeys`, add to it."""
-
-    def add(share: Any, moved: dict[int, Any]) -> None:  # share times the square of a sum of weighted motions
-        for p, x in moved.items():
-            part = share * x
-            diagonal[p] = fma(part, x, diagonal[p])
-            for q, z in moved.items():
-                if q > p:
-                    other = part * z
-                    coupling[p][q] = coupling[q][p] = coupling[p][q] + other if q in coupling[p] else other
-
-    one = group.full(1.0)
-    for b in group.spec.foundations:
-        base: Any = group.spec.base(b)
-        for i in base:
-            support = fma(ga, group.prop("dashpot", i), be * group.prop("k", i))
-            diagonal.append(group.prop("m", i) + support)
-        for i in group.building_floors[b]:
-            below: Any = group.spec.below(i)
-            add(storeys[i], {i: one, below: -one, base[1]: -group.full(group.prop("height", i))})
-            drag = ga * group.prop("alpha", b) * group.prop("m", i)
-            add(drag, {i: one, base[0]: -one, base[1]: -group.full(group.prop("elevation", i))})
-
-
-def _storey_stiffness(group: Group, b: Any, i: Any, be: Any, ga: Any) -> Any:
-    """Stiffness by which a storey resists an acceleration at the end of a Newmark step, its damper included."""
-    if not group.has_separate_damper(i):
-        return fma(ga, group.prop("beta", b), be) * group.prop("k", i)
-    k = group.state["kt", i] if group.yields(i) else group.prop("k", i)
-    stiffness = be * k + ga * group.prop("beta", b) * damper_stiffness(group, i)
-    return stiffness + ga * group.prop("dashpot", i) if group.dashed(i) else stiffness
+def _matrix(group: Group, part: Part, be: Any, ga: Any) -> tuple[list[Any], list[dict[int, Any]]]:
+    """Return M + ga C + be K: its diagonal, and what lies beside it."""
+    terms: dict[tuple[int, int], list[tuple[int, Any]]] = {}
+    links = list(group.iter_links(straight=True)) if group.spec.solves_row else []
+    for element in [*(element for block in part.blocks for element in block.elements), *links]:
+        resistance = element.resistance(be, ga)
+        for n, (p, sign, share) in enumerate(element.ends):
+            for q, other, part_of_it in element.ends[n:]:
+                term = part_of(part_of(resistance, share), part_of_it)
+                terms.setdefault((min(p, q), max(p, q)), []).append((sign * other, term))
+    diagonal: list[Any] = [None] * len(part.dofs)
+    for b, places, on_ground, _ in part.blocks:
+        for p in places:
+            m, stiff = group.prop("m", part.dofs[p]), signed_sum(terms.pop((p, p)))
+            diagonal[p] = (fma(m, ga * group.prop("alpha", b), m) if on_ground else m) + stiff
+    coupling: list[dict[int, Any]] = [{} for _ in part.dofs]
+    for (p, q), values in terms.items():
+        coupling[p][q] = coupling[q][p] = signed_sum(values)
+    return diagonal, coupling
 
 
 def _sides(contact: Contact) -> list[tuple[Any, Floors, float]]:
     """Sides of a contact that move: where their responses begin, the floors, the sign of the force on them."""
     group = contact.group
     if group.spec.solves_row:  # both are of one whole, whose response is to the push on both
-        ends = ((i, sign, group.full(1.0) if share is None else share) for i, sign, share in contact.ends())
-        pushed = [(i, -share if sign == "-" else share) for i, sign, share in ends]
+        pushed = [(i, float(sign) * share) for i, sign, share in contact.on_ends(group.full(1.0))]
         return [(contact.index * group.spec.n_moving, pushed, 1.0)]
     most = max(group.spec.storeys)
-    sides = ((side, contact.floors_of(side), sign) for side, sign in enumerate((-1.0, 1.0)))
-    return [((contact.index * 2 + side) * most, floors, sign) for side, floors, sign in sides if floors]
+    sides = ([(i, share) for i, sign, share in contact.ends if sign == of] for of in (1, -1))
+    signed = enumerate(zip(sides, (-1.0, 1.0), strict=True))
+    return [((contact.index * 2 + side) * most, floors, sign) for side, (floors, sign) in signed if floors]
 
 
 def _moving_floors(group: Group, floor: Any) -> tuple[Any, Any]:
@@ -156,13 +122,13 @@ def _keep_compliance(group: Group, first: Any, floors: Floors, be: Any, ga: Any)
         right = [group.full(0.0) for _ in range(group.spec.n_moving)]
         for floor, share in floors:
             right = [where(constant(floor == i), share, x) for i, x in enumerate(right)]
-        for i, x in enumerate(_solve_row(group, list(enumerate(group.building_floors)), be, ga, right)):
+        for i, x in enumerate(_solve_row(group, group.part(*enumerate(group.spec.floors)), be, ga, right)):
             s["response", first + i] = x
         return
     home, storeys, b = group.home_of(floors[0][0])
 
     def stiffness(i: Any) -> Any:
-        return _storey_stiffness(group, b, i, be, ga)
+        return Storey(group, i, (), building=b).resistance(be, ga)
 
     def ahead(p: Any) -> tuple[Any, Any]:
         i, top, above = home + p, p + 1 == storeys, 0.0
@@ -363,7 +329,8 @@ class Newmark(Scheme):
         """Go to the end of a sub-step, shears of storeys in straight lines; if it `flies`, from the present state."""
         s, beta, gamma, h = group.state, group.prop("newmark_beta"), group.prop("newmark_gamma"), group.full(h)
         be, gg, pu, pv = (beta * (h * h), gamma * h, h * h * (0.5 - beta), h * (1.0 - gamma))
-        for part, moving in group.iter_parts(group.spec.solves_row):
+        for part in group.iter_parts(group.spec.solves_row):
+            moving = part.dofs
             before = u, v, a = [[s[name if flies else f"{name}0", i] for i in moving] for name in "uva"]
             every = range(len(u))
             x, y = [fma(pu, a[p], fma(h, v[p], u[p])) for p in every], [fma(pv, a[p], v[p]) for p in every]
@@ -383,10 +350,10 @@ class Newmark(Scheme):
         """Add the energies of a step: powers of input and damping at both ends, by the trapezoid."""
         s = group.state
         h6 = s["h"] * (1.0 / 6.0)
-        for part, moving in group.iter_parts() if "energy" in group.requested else ():
-            early = powers(group, part, [s["v0", i] for i in moving], s["g0"])
-            late = powers(group, part, [s["v", i] for i in moving], s["g1"])
-            for (b, _), first, last in zip(part, early, late, strict=True):
+        for part in group.iter_parts() if "energy" in group.requested else ():
+            early = powers(group, part, [s["v0", i] for i in part.dofs], s["g0"])
+            late = powers(group, part, [s["v", i] for i in part.dofs], s["g1"])
+            for (b, *_), first, last in zip(part.blocks, early, late, strict=True):
                 for name, x0, x1 in zip(("e_in", "e_damp"), first, last, strict=True):
                     s[name, b] = fma(h6, 3.0 * (x0 + x1), s[name, b])
         for storey in bouc_wen.iter_storeys(group) if "hysteretic" in group.requested else ():

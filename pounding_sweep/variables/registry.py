@@ -534,7 +534,7 @@ REDUCERS: dict[str, Reducer] = {
             tuple(Slot(name, "floor", lambda group, i: group.state["u", i]) for name in ("umax", "umin")),
             follows=lambda group, straight: (
                 Motion(
-                    ("umax", i), ("umin", i), False, partial(group.floor, "flexibility", i), partial(group.floor, i=i)
+                    ("umax", i), ("umin", i), False, partial(group.prop, "flexibility", i), partial(group.floor, i=i)
                 )
                 for i in group.indices(group.spec.n_dof, straight)
             ),
@@ -556,9 +556,15 @@ REDUCERS: dict[str, Reducer] = {
             (Slot("link_force", "link"),),
             where="linked",
             follows=lambda group, _: (
-                Motion(row, None, True, partial(rest.of_link, group, j, ends), of, pulls=True)
-                for j, ends in group.iter_links()
-                for row, of in [(("link_force", j), partial(links.motion, group, j, ends))]
+                Motion(
+                    ("link_force", link.index),
+                    None,
+                    True,
+                    partial(rest.of_link, link),
+                    partial(links.motion, link),
+                    pulls=True,
+                )
+                for link in group.iter_links()
             ),
             step=links.sample,
         ),
@@ -567,7 +573,7 @@ REDUCERS: dict[str, Reducer] = {
             (Slot("sway", "base"), Slot("rotation", "base")),
             where="founded",
             follows=lambda group, _: (
-                Motion((name, q), None, True, partial(_softness, Storey(group, i, None)), partial(group.floor, i=i))
+                Motion((name, q), None, True, partial(_softness, Storey(group, i, ())), partial(group.floor, i=i))
                 for q, b in enumerate(group.spec.foundations)
                 for name, i in zip(("sway", "rotation"), group.spec.base(b) or (), strict=True)
             ),
