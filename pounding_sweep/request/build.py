@@ -15,7 +15,7 @@ import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, TypeAdapter, ValidationError, create_model
@@ -97,6 +97,16 @@ from pounding_sweep.schemes import SCHEMES
 _MOST_FAULTS = 20
 #: Places and values by what has them.
 TargetValues = dict[Target, tuple[Place, Any]]
+
+
+class ReadAxis(NamedTuple):
+    """The values of one axis, not checked yet."""
+
+    target: Target
+    place: Place
+    values: Range | list[Any]
+
+
 #: Default parameters of Newmark's method.
 _PARAMETERS = {"beta": 0.25, "gamma": 0.5}
 
@@ -425,60 +435,80 @@ class _Reader:
 
     def _axes(self, design: Design | None) -> dict[str, Any]:
         """Check all axes together: the size of the sweep, what excludes each other, what is missing."""
-        faults, scene, arguments = self.faults, self.scene, self.arguments
-        stated = {name for name in AXES if arguments[name] is not None}
+        faults, arguments = self.faults, self.arguments
         if arguments["cases"] is not None:
             text = "listed cases take the place of laws and axes; leave it out, or leave out the cases"
             faults.entries += [((name,), text) for name in ("laws", *AXES, *NAMED_KINDS) if arguments[name] is not None]
             return {}
-        laws, records = list(self.laws.values()), self.records or []
         drawn = {entry.target for entry in design.inputs} if design else set()
-        sizes = {"records": 1 if ("records", None) in drawn else len(records), "laws": len(laws)}
-        sizes |= {"points": len(design)} if design else {}
-        items: TargetValues = {
-            (name, None): ((name,), arguments[name]) for name in AXES if name in stated - FACTOR_KINDS.keys()
-        }
-        sequences: dict[Target, tuple[Place, Range | list[Any]]] = {}
-        for target, (place, value) in (items | self._by_name(arguments, faults)).items():
-            if target in drawn:
-                faults.add(place, "is an input of the design, too; leave one of them out")
-            if (sequence := faults.attempt(place, self._sequence, value, AXES[target[0]])) is not None:
-                sequences[target], sizes[spell(place)] = (place, sequence), len(sequence)
-        # each of a list is held as such
-        listing = design or any(axis.listed and name in stated for name, axis in AXES.items())
-        most = MAX_AXIS if listing else MAX_SCENARIOS
-        values: dict[str, Any] = {}
-        if (size := math.prod(sizes.values())) > most:
-            product = " x ".join(f"{count} {name}" for name, count in sizes.items())
-            faults.add((), f"{product} = {size} scenarios ({size:.3g}); at most {most} in one sweep: split it")
-            sequences = {}
-        for (name, building), (place, sequence) in sequences.items():
-            axis = AXES[name]
-            read = functools.partial(axis.check, laws=laws, basis=self.basis)
-            numbers = sequence.values() if isinstance(sequence, Range) else sequence
-            remedy = "; ".join(["the values of an axis must differ", *filter(None, [comma_hint(numbers)])])
-            checked = tuple(self._read_all(place, numbers, read, axis.noun, remedy=remedy))
-            values[name] = (*values.get(name, ()), (building, checked)) if building else checked
-        chosen = stated | {name for name, _ in drawn}
-        by_pair = {name for argument, name in {*sequences, *drawn} if argument == "pair_gaps"}
-        if "gaps" in chosen and scene is not None and by_pair and by_pair == {*scene.pair_names}:
+        axes = self._read_axes(drawn)
+        values = self._axis_values(axes) if self._has_room(axes, design) else {}
+        chosen = {name for name in AXES if arguments[name] is not None} | {name for name, _ in drawn}
+        by_pair = {name for argument, name in {*(axis.target for axis in axes), *drawn} if argument == "pair_gaps"}
+        if "gaps" in chosen and self.scene is not None and by_pair and by_pair == {*self.scene.pair_names}:
             faults.add(("gaps",), "every pair has gaps of its own (pair_gaps); leave gaps out, or those of a pair")
         faults.entries += [
             (("design", "inputs", AXES[two].dimension) if (two, None) in drawn else (two,), text)
             for _, two, text in _exclusions(chosen)
         ]
+        return values | self._axis_defaults(chosen)
+
+    def _read_axes(self, drawn: Collection[Target]) -> list[ReadAxis]:
+        """Read the values of all axes, none of which a design may draw too."""
+        arguments, axes = self.arguments, list[ReadAxis]()
+        items: TargetValues = {
+            (name, None): ((name,), arguments[name])
+            for name in AXES
+            if name not in FACTOR_KINDS and arguments[name] is not None
+        }
+        for target, (place, value) in (items | self._by_name(arguments, self.faults)).items():
+            if target in drawn:
+                self.faults.add(place, "is an input of the design, too; leave one of them out")
+            if (values := self.faults.attempt(place, self._sequence, value, AXES[target[0]])) is not None:
+                axes.append(ReadAxis(target, place, values))
+        return axes
+
+    def _has_room(self, axes: Sequence[ReadAxis], design: Design | None) -> bool:
+        """Whether a sweep of these axes is not too large; notes it otherwise."""
+        draws_records = design is not None and any(entry.argument == "records" for entry in design.inputs)
+        sizes = {"records": 1 if draws_records else len(self.records or []), "laws": len(self.laws)}
+        sizes |= {"points": len(design)} if design else {}
+        sizes |= {spell(axis.place): len(axis.values) for axis in axes}
+        # each of a list is held as such
+        listing = design or any(axis.listed and self.arguments[name] is not None for name, axis in AXES.items())
+        size, most = math.prod(sizes.values()), MAX_AXIS if listing else MAX_SCENARIOS
+        if size > most:
+            product = " x ".join(f"{count} {name}" for name, count in sizes.items())
+            self.faults.add((), f"{product} = {size} scenarios ({size:.3g}); at most {most} in one sweep: split it")
+        return size <= most
+
+    def _axis_values(self, axes: Sequence[ReadAxis]) -> dict[str, Any]:
+        """Return the checked values of axes by argument, of axes by name with the names."""
+        result: dict[str, Any] = {}
+        for (argument, name), place, values in axes:
+            axis = AXES[argument]
+            read = functools.partial(axis.check, laws=list(self.laws.values()), basis=self.basis)
+            numbers = values.values() if isinstance(values, Range) else values
+            remedy = "; ".join(["the values of an axis must differ", *filter(None, [comma_hint(numbers)])])
+            checked = tuple(self._read_all(place, numbers, read, axis.noun, remedy=remedy))
+            result[argument] = (*result.get(argument, ()), (name, checked)) if name else checked
+        return result
+
+    def _axis_defaults(self, chosen: Collection[str]) -> dict[str, Any]:
+        """Return the values of axes that are needed and not chosen; notes what the chosen ones and these lack."""
+        scene, laws, result = self.scene, list(self.laws.values()), dict[str, Any]()
         columns = {AXES[name].column for name in chosen if name in AXES}
         for name, axis in AXES.items():
             by_default = axis.default is not None and axis.column not in columns
             if scene is not None and not axis.by and (name in chosen or by_default):
-                faults.entries += axis.requires(scene, laws, records)
-            values |= {name: axis.default} if by_default else {}
+                self.faults.entries += axis.requires(scene, laws, self.records or [])
+            result |= {name: axis.default} if by_default else {}
         if "restitutions" not in chosen and scene is not None:
             taking = [law for law in laws if law.takes_restitution]
             missing = scene.contact.restitution is None
             place = ("restitutions",) if missing else ("scene", "contact", "restitution")
-            values["restitutions"] = (faults.attempt(place, self._scene_restitution, taking) if taking else 1.0,)
-        return values
+            result["restitutions"] = (self.faults.attempt(place, self._scene_restitution, taking) if taking else 1.0,)
+        return result
 
     def _scene_restitution(self, laws: Sequence[Law]) -> float:
         """Return the scene's restitution, checked against laws that take one."""
@@ -499,40 +529,51 @@ class _Reader:
         if isinstance(item, dict) and item.get("record") in self.left_out:
             return []
         with Faults() as faults:
-            values = valid_part(CaseTable, item, faults)
-            if not values:
+            table = valid_part(CaseTable, item, faults)
+            if not table:
                 return []
-            law = None if values["law"] is None else faults.attempt(("law",), self._case_law, values["law"])
-            if (gaps := listed(values["gap"])) is not None:
-                values["gap"] = tuple(faults.attempt(("gap", i), AXES["gaps"].check, gap) for i, gap in enumerate(gaps))
-                if self.scene and len(gaps) != len(self.scene.gaps):
-                    pairs = ", ".join(self.scene.pair_names)
-                    faults.add(("gap",), f"{len(gaps)} gaps for {len(self.scene.gaps)} pairs ({pairs})")
-            stated = set()
-            for name, axis in AXES.items():
-                value = None if axis.by else values[axis.dimension]
-                if value is not None and not isinstance(value, tuple):
-                    laws = [law] if law else []
-                    value = faults.attempt((axis.dimension,), axis.check, value, laws, self.basis)
-                    values[axis.dimension] = value
-                    stated |= {name} if value != getattr(Case, axis.dimension) else set()
-            faults.entries += [((AXES[one].dimension,), text) for one, _, text in _exclusions(stated)]
+            law = None if table["law"] is None else faults.attempt(("law",), self._case_law, table["law"])
+            values = self._case_values(table, law, faults)
             factors: dict[str, Any] = dict.fromkeys(FACTOR_KINDS, ())
-            for (argument, building), (place, value) in self._by_name(values, faults).items():
+            for (argument, name), (place, value) in self._by_name(table, faults).items():
                 factor = faults.attempt(place, AXES[argument].check, value)
                 if factor != AXES[argument].neutral:
-                    factors[argument] = (*factors[argument], (building, factor))
-            names = [record.name for record in self.records or ()]
-            if values["record"] is None and len(names) == 1:
-                (values["record"],) = names
-            if self.records is not None and (name := values["record"]) not in names:
-                valid = f"is missing; valid: {', '.join(names)}"
-                faults.add(("record",), valid if name is None else unknown("record", name, names))
-            if law and law.has_contact and values["stiffness"] is None and values["stiffness_factor"] is None:
-                values["stiffness_factor"] = 1.0
-            if law and law.takes_restitution and values["restitution"] is None and self.scene is not None:
-                values["restitution"] = faults.attempt(("restitution",), self._scene_restitution, [law])
-        return Case(**{name: values[name] for name in _OF_CASES} | factors | {"law": law.key if law else ""})
+                    factors[argument] = (*factors[argument], (name, factor))
+            record = self._case_record(table["record"], faults)
+        return Case(law.key if law else "", record=record, **values, **factors)
+
+    def _case_values(self, table: Mapping[str, Any], law: Law | None, faults: Faults) -> dict[str, Any]:
+        """Return the values of the whole row that a case has, checked; what it needs and has not is the scene's."""
+        axes = {name: axis for name, axis in AXES.items() if not axis.by}
+        laws, gaps, scene = [law] if law else [], listed(table["gap"]), self.scene
+        values = {
+            axis.dimension: faults.attempt((axis.dimension,), axis.check, table[axis.dimension], laws, self.basis)
+            for axis in axes.values()
+            if table[axis.dimension] is not None and (axis.dimension != "gap" or gaps is None)
+        }
+        if gaps is not None:
+            values["gap"] = tuple(faults.attempt(("gap", i), AXES["gaps"].check, gap) for i, gap in enumerate(gaps))
+            if scene and len(gaps) != len(scene.gaps):
+                pairs = ", ".join(scene.pair_names)
+                faults.add(("gap",), f"{len(gaps)} gaps for {len(scene.gaps)} pairs ({pairs})")
+        of_axes = {name: values.get(axis.dimension) for name, axis in axes.items()}
+        stated = [name for name in axes if of_axes[name] not in (None, getattr(Case, axes[name].dimension))]
+        faults.entries += [((AXES[one].dimension,), text) for one, _, text in _exclusions(stated)]
+        if law and law.has_contact and not {"stiffness", "stiffness_factor"} & values.keys():
+            values["stiffness_factor"] = 1.0
+        if law and law.takes_restitution and "restitution" not in values and scene is not None:
+            values["restitution"] = faults.attempt(("restitution",), self._scene_restitution, [law])
+        return values
+
+    def _case_record(self, name: str | None, faults: Faults) -> str | None:
+        """Return the record of a case, the only one where it names none."""
+        names = [record.name for record in self.records or ()]
+        if name is None and len(names) == 1:
+            return names[0]
+        if self.records is not None and name not in names:
+            valid = f"is missing; valid: {', '.join(names)}"
+            faults.add(("record",), valid if name is None else unknown("record", name, names))
+        return name
 
     def _case_law(self, value: Any) -> Law:
         """Return the law of a case, the only one of its key."""
