@@ -205,14 +205,10 @@ class Trial(NamedTuple):
     spec: SweepSpec
     plan: Plan  # of the sweep at the finest step
     sample: TradeSample
+    table: Scenarios  # those that errors are measured on
     settings: Sequence[Setting]
     own: Setting | None  # the sweep's own, where a run accepts it
     reference: Numerics  # those of the converged solution
-
-    @property
-    def table(self) -> Scenarios:
-        """Scenarios that errors are measured on."""
-        return self.plan.unique[self.sample.rows]
 
     def kernels(self) -> list[RowKernel]:
         """Return all kernels that run."""
@@ -243,7 +239,7 @@ def plan_trial(
     settings = list({one.label: one for one in (*others, own) if one}.values())
     if not settings:
         raise InputError("a run refuses every setting that was to be measured; give smaller steps")
-    return Trial(spec, plan, sample, settings, own, reference)
+    return Trial(spec, plan, sample, plan.unique[sample.rows], settings, own, reference)
 
 
 def measure(trial: Trial, *, repeats: int, workers: int | None, progress: Progress) -> xr.Dataset:

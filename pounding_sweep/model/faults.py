@@ -196,14 +196,10 @@ def checked(cls: type[T]) -> type[T]:
     return made
 
 
-def checked_call(raised: type[InputError]) -> Callable[[F], F]:
-    """Make a decorator of functions whose arguments pydantic checks by their annotations."""
-
-    def decorate(function: F) -> F:
-        keys = dict.fromkeys(inspect.signature(function).parameters)
-        return _raising(validate_call(config=_CONFIG)(function), function, keys, raised)
-
-    return decorate
+def checked_call(raised: type[InputError], function: F) -> F:
+    """Have pydantic check the arguments of a function by their annotations."""
+    keys = dict.fromkeys(inspect.signature(function).parameters)
+    return _raising(validate_call(config=_CONFIG)(function), function, keys, raised)
 
 
 def _raising(call: Any, taker: Any, keys: Mapping[str, None], raised: type[InputError]) -> Any:

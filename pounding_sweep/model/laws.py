@@ -30,6 +30,7 @@ import math
 import runpy
 import traceback
 from dataclasses import field, fields
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -463,7 +464,7 @@ def _load(text: str, base: Path | None) -> Law:
 RUBBER = "rubber_bumper"
 
 
-@checked_call(LawError)
+@partial(checked_call, LawError)
 def rubber_bumper(
     thickness: Positive,
     *,
@@ -541,7 +542,7 @@ def rubber_bumper(
     )
 
 
-@checked_call(LawError)
+@partial(checked_call, LawError)
 def hertz_stiffness(
     mass_1: Positive | None = None,
     mass_2: Positive | None = None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -59,7 +60,7 @@ def get_preset(name: str) -> Scene:
     return PRESETS[name].scene
 
 
-@checked_call(SceneError)
+@partial(checked_call, SceneError)
 def base_isolated(
     building: Building,
     base_mass: Positive,

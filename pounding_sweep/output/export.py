@@ -232,7 +232,10 @@ def scenario_table(cube: xr.Dataset, names: Sequence[str] = (), constants: bool 
     always = [name for name in ("status", "run") if names and name in cube.data_vars]
     chosen = scenarios_of(cube, [*names, *always])
     table = wide_table(chosen.assign_coords(scenarios_of(cube).coords).assign(_measures(cube)), constants)
-    if has_audit(cube) and _has_whole_row(cube):
+    # without all buildings and pairs of the row scenarios can't be told apart
+    row = scene_of(json.loads(cube.attrs["sweep"])["scene"]) if has_audit(cube) else None
+    sizes = [np.size(cube.coords.get(dim, [])) for dim in ("building", "pair")]
+    if row is not None and sizes == [len(row.buildings), len(row.pair_labels)]:
         table.complete = lambda part: part.assign(audited_error=_audited_errors(part, cube))
         for i, output in enumerate(cube["output"].values.tolist()):
             if not names or output in names:
@@ -240,13 +243,6 @@ def scenario_table(cube: xr.Dataset, names: Sequence[str] = (), constants: bool 
                 column = Column("audited_error", {"output": i}, [0], np.dtype(float), about)
                 table.columns[f"audited_error_{output}"] = column
     return table
-
-
-def _has_whole_row(cube: xr.Dataset) -> bool:
-    """Whether a cube has all buildings and pairs of its row; else its scenarios can't be told apart."""
-    scene = scene_of(json.loads(cube.attrs["sweep"])["scene"])
-    sizes = [np.size(cube.coords.get(dim, [])) for dim in ("building", "pair")]
-    return sizes == [len(scene.buildings), len(scene.pair_labels)]
 
 
 def has_histories(cube: xr.Dataset, names: Iterable[str] = ()) -> bool:

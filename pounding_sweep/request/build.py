@@ -539,7 +539,12 @@ class _Reader:
                 factor = faults.attempt(place, AXES[argument].check, value)
                 if factor != AXES[argument].neutral:
                     factors[argument] = (*factors[argument], (name, factor))
-            record = self._case_record(table["record"], faults)
+            record, records = table["record"], [record.name for record in self.records or ()]
+            if record is None and len(records) == 1:
+                (record,) = records
+            if self.records is not None and record not in records:
+                valid = f"is missing; valid: {', '.join(records)}"
+                faults.add(("record",), valid if record is None else unknown("record", record, records))
         return Case(law.key if law else "", record=record, **values, **factors)
 
     def _case_values(self, table: Mapping[str, Any], law: Law | None, faults: Faults) -> dict[str, Any]:
@@ -564,16 +569,6 @@ class _Reader:
         if law and law.takes_restitution and "restitution" not in values and scene is not None:
             values["restitution"] = faults.attempt(("restitution",), self._scene_restitution, [law])
         return values
-
-    def _case_record(self, name: str | None, faults: Faults) -> str | None:
-        """Return the record of a case, the only one where it names none."""
-        names = [record.name for record in self.records or ()]
-        if name is None and len(names) == 1:
-            return names[0]
-        if self.records is not None and name not in names:
-            valid = f"is missing; valid: {', '.join(names)}"
-            faults.add(("record",), valid if name is None else unknown("record", name, names))
-        return name
 
     def _case_law(self, value: Any) -> Law:
         """Return the law of a case, the only one of its key."""

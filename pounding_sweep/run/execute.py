@@ -98,17 +98,14 @@ def check_main_guard(starts_processes: bool) -> None:
         sys.exit("a new process imports the script and would run its sweep again; put that below a guard")
     main = sys.modules["__main__"]
     file = None if getattr(main, "__spec__", None) else getattr(main, "__file__", None)
-    if starts_processes and file is not None and not _compares_name(Path(file)):
+    if not starts_processes or file is None:
+        return
+    nodes = (node for node in ast.walk(ast.parse(Path(file).read_bytes())) if isinstance(node, ast.Compare))
+    if not any(getattr(side, "id", "") == "__name__" for node in nodes for side in (node.left, *node.comparators)):
         raise RunError(
             f"{file}: the new processes import this script and would run it again. Put what it runs below a guard:\n\n"
             '    if __name__ == "__main__":\n        ...\n\nor run with scheduler="threads"'
         )
-
-
-def _compares_name(script: Path) -> bool:
-    """Whether a script compares ``__name__`` with something, as its guard does."""
-    nodes = (node for node in ast.walk(ast.parse(script.read_bytes())) if isinstance(node, ast.Compare))
-    return any(getattr(side, "id", "") == "__name__" for node in nodes for side in (node.left, *node.comparators))
 
 
 class Dispatcher(ExitStack):
