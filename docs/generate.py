@@ -25,7 +25,7 @@ from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.model.rebound import RELATIONS
 from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.plan.sanity import LIMITS
-from pounding_sweep.records import KNOWN_RECORDS, RECORD_SETS
+from pounding_sweep.records import NAMED_RECORDS, RECORD_SETS
 from pounding_sweep.records.formats import READERS
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.variables.registry import DEFAULT_OUTPUTS, STATUS, VARIABLES
@@ -118,7 +118,7 @@ def _variables() -> str:
 
 def _records() -> str:
     lines = ["# Records by name", "", "| name | event | file |", "|---|---|---|"]
-    for known in KNOWN_RECORDS.values():
+    for known in NAMED_RECORDS.values():
         lines.append(_row(f"`{known.key}`", known.description, ", ".join(known.files)))
     lines += ["", "## Sets", "", "| name | what | records |", "|---|---|---:|"]
     lines += [_row(f"`{each.key}`", each.title, each.components) for each in RECORD_SETS.values()]

@@ -64,7 +64,7 @@ def parts_folder(out: FilePath) -> Path:
 def identity_of(plan: Plan) -> dict[str, str]:
     """Return what the chunks of a sweep are known by: its parts as short texts, then what stands for the whole."""
     sweep = json.loads(to_json(plan.spec))
-    details = {f"law {key}": law["sha256"] for key, law in sweep.pop("own_laws", {}).items()}
+    details = {f"law {key}": law["sha256"] for key, law in sweep.pop("user_laws", {}).items()}
     details |= {f"record {record['name']}": record.pop("sha256") for record in sweep["records"]}
     texts = {key: json.dumps(value, sort_keys=True) for key, value in sweep.items()}
     details |= {k: t if len(t) <= LONGEST else hashlib.sha256(t.encode()).hexdigest() for k, t in texts.items()}

@@ -54,7 +54,7 @@ def peak(law=LINEAR, k=2e5, scale=1.0, gap=0.005):
 
 def forget():
     """Be as a process that has loaded no kernel yet."""
-    for cached in (get_kernel, compile._own_folder):
+    for cached in (get_kernel, compile._private_folder):
         cached.cache_clear()
     compile._COMPILED.clear()
 

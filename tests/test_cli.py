@@ -26,7 +26,7 @@ from pounding_sweep.cli.app import INTERRUPTS, app, open_streams
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.describe import summarize
 from pounding_sweep.output.netcdf import write_cube
-from pounding_sweep.records import KNOWN_RECORDS
+from pounding_sweep.records import NAMED_RECORDS
 from pounding_sweep.request.spec import overview
 from pounding_sweep.run import execute
 from pounding_sweep.run.sweep import load_sweep
@@ -198,7 +198,7 @@ def test_records_lists_what_is_there_and_what_is_missing(tmp_path):
     assert "arleta" not in missing
     report = json.loads(cli("records", "--json", env={"POUNDING_SWEEP_RECORDS": str(tmp_path)}).stdout)
     names = {part: [row["name"] for row in report[part]] for part in ("records", "unreadable", "missing")}
-    missing = [name for name in KNOWN_RECORDS if name not in ("el_centro", "arleta")]
+    missing = [name for name in NAMED_RECORDS if name not in ("el_centro", "arleta")]
     assert names == {"records": ["el_centro", "arleta"], "unreadable": ["short"], "missing": missing}
 
 

@@ -20,8 +20,8 @@ from pounding_sweep.request.axes import Case
 from pounding_sweep.request.build import build_spec
 from pounding_sweep.request.spec import to_json
 from pounding_sweep.request.toml import load_spec
-from pounding_sweep.run.histories import instants_in_contact, peaks_shown
-from pounding_sweep.run.simulate import scenario_of, simulate_one, simulate_shown
+from pounding_sweep.run.histories import instants_in_contact, peak_share
+from pounding_sweep.run.simulate import scenario_of, simulate_finely, simulate_one
 
 
 @pytest.fixture
@@ -137,9 +137,9 @@ def test_histories_are_run_finer_until_they_show_their_peaks(monkeypatch):
 
     monkeypatch.setattr("pounding_sweep.run.simulate.simulate", simulate)
     spec = build_spec(scene=made.scene(), records=pulses("one"), laws="linear")
-    assert peaks_shown(simulate_shown(spec)) == pytest.approx(0.99)
+    assert peak_share(simulate_finely(spec)) == pytest.approx(0.99)
     assert taken == [None, 4e-3, 2e-3]
-    simulate_shown(spec, 5e-3)
+    simulate_finely(spec, 5e-3)
     assert taken[3:] == [5e-3]
 
 
@@ -153,7 +153,7 @@ def test_histories_are_run_finer_until_they_show_a_contact(monkeypatch):
         return xr.Dataset({"penetration": (("time", "storey", "pair"), depth[..., None])}, attrs={"time_step": time[1]})
 
     monkeypatch.setattr("pounding_sweep.run.simulate.simulate", simulate)
-    one = simulate_shown(build_spec(scene=made.scene(), records=pulses("one"), laws="linear"))
+    one = simulate_finely(build_spec(scene=made.scene(), records=pulses("one"), laws="linear"))
     assert one.attrs["time_step"] == 1e-3
     assert 40 <= instants_in_contact(one) < 60
     assert instants_in_contact(one.where(one["penetration"] > 1.0)) == np.inf

@@ -174,7 +174,7 @@ def test_a_law_file_is_looked_for_beside_the_sweep(tmp_path):
         '[scene]\npreset = "mate2015"\n[sweep]\nrecords = ["el_centro"]\n'
         + "".join(f'[[sweep.cases]]\nlaw = "mylaws.py:my_law"\ngap = {gap}\n' for gap in (0.01, 0.02))
     )
-    assert ps.load_sweep(tmp_path / "two.toml").spec.own_laws == found.own_laws
+    assert ps.load_sweep(tmp_path / "two.toml").spec.user_laws == found.user_laws
     path.write_text(MINE.format(number=1.5).replace("6e6", "None"))
     with pytest.raises(SweepError, match=r"a reference stiffness for force ~ d\^1.25 \(kN/m\^1.25\) is missing"):
         ps.load_sweep(tmp_path / "two.toml")
@@ -201,14 +201,14 @@ def test_a_law_belongs_to_the_sweep_and_to_its_chunks(tmp_path):
     law_file(tmp_path, number=1.4)
     after = sweep(path).spec
     assert digest(before) == digest(same) != digest(after)
-    told = json.loads(to_json(before))["own_laws"]["my_law"]
-    assert told["sha256"] == before.own_laws[0].sha256
+    told = json.loads(to_json(before))["user_laws"]["my_law"]
+    assert told["sha256"] == before.user_laws[0].sha256
     keys = [{chunk.key for chunk in make_plan(each).chunks(np.arange(2))} for each in (before, same, after)]
     assert keys[0] == keys[1]
     assert not keys[0] & keys[2]
     named = [identity_of(make_plan(each))["law my_law"] for each in (before, same, after)]
     assert named[0] == named[1] != named[2]
-    assert json.loads(to_json(sweep(path, laws="linear").spec))["own_laws"] == {}
+    assert json.loads(to_json(sweep(path, laws="linear").spec))["user_laws"] == {}
 
 
 @pytest.mark.usefixtures("stub_engine")
@@ -227,7 +227,7 @@ def test_a_changed_law_is_refused_wherever_results_are_used_again(tmp_path):
     merge_cubes([tmp_path / "new.nc", tmp_path / "other.nc"], tmp_path / "both.nc")
     with ps.open_cube(tmp_path / "both.nc") as both:
         assert both["law"].values.tolist() == ["my_law", "linear"]
-        assert json.loads(both.attrs["sweep"])["own_laws"]["my_law"]["sha256"] == earlier.spec.own_laws[0].sha256
+        assert json.loads(both.attrs["sweep"])["user_laws"]["my_law"]["sha256"] == earlier.spec.user_laws[0].sha256
     law_file(tmp_path, number=1.4)
     changed = sweep(path, **bigger)
     with pytest.raises(
@@ -379,6 +379,6 @@ def test_commands_say_which_file_they_run(tmp_path):
     for words in (("plan", file, "--json"), ("run", file, "-o", tmp_path / "c.nc", "--json")):
         got = call(*words, "--law", f"{path}:my_law", "--law", "hertz")
         assert f"law 'my_law' from {path}:my_law, Python of your own that was run (SHA-256 " in got.stderr
-        assert list(json.loads(got.stdout)["own_laws"]) == ["my_law"]
+        assert list(json.loads(got.stdout)["user_laws"]) == ["my_law"]
     refused = call("plan", file, "--law", f"{path}:mylaw", code=2).stderr
     assert "there is no 'mylaw'; laws in it: my_law" in refused

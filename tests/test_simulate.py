@@ -15,7 +15,7 @@ import pounding_sweep as ps
 from pounding_sweep.base.errors import InputError, PoundingSweepError, StabilityError
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.request.spec import METHODS
-from pounding_sweep.run.histories import HISTORIES, peaks_shown
+from pounding_sweep.run.histories import HISTORIES, peak_share
 from pounding_sweep.run.simulate import NOT_OF_ONE
 from pounding_sweep.variables.registry import DIMS, INTEGER_FILL, OUTPUT_NAMES, VARIABLES, Status
 
@@ -84,7 +84,7 @@ def test_an_output_step_is_the_time_between_instants():
     np.testing.assert_allclose(np.diff(fine.time), 2.5e-4)
     assert fine.attrs["time_step"] == pytest.approx(2.5e-4)
     xr.testing.assert_identical(fine, shake("hertz_damped", dt=2.5e-4).assign_attrs(fine.attrs))
-    assert peaks_shown(thin) < peaks_shown(whole) < peaks_shown(fine) <= 1.0 + 1e-9
+    assert peak_share(thin) < peak_share(whole) < peak_share(fine) <= 1.0 + 1e-9
     for bad in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(InputError, match=r"output_step is .*; it must be a positive number of seconds"):
             shake("linear", output_step=bad)

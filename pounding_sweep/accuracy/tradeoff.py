@@ -207,7 +207,7 @@ class Trial(NamedTuple):
     sample: TradeSample
     table: Scenarios  # those that errors are measured on
     settings: Sequence[Setting]
-    own: Setting | None  # the sweep's own, where a run accepts it
+    current: Setting | None  # the sweep's own, where a run accepts it
     reference: Numerics  # those of the converged solution
 
     def kernels(self) -> list[RowKernel]:
@@ -235,11 +235,12 @@ def plan_trial(
     reference = replace(plan.numerics, method=method, dt=min(finest / REFINEMENT, stable), refinement=finer)
     laws = [int(plan.unique.law[rows[0]]) for rows in sample.timed]
     chosen = (replace(one, method=None, locate=True, precision=None) for one in choices)
-    own, *others = (make_setting(one, sample.touching, laws) for one in (spec, *chosen, *fixed_settings(spec, axes)))
-    settings = list({one.label: one for one in (*others, own) if one}.values())
+    sweeps = spec, *chosen, *fixed_settings(spec, axes)
+    current, *others = (make_setting(one, sample.touching, laws) for one in sweeps)
+    settings = list({one.label: one for one in (*others, current) if one}.values())
     if not settings:
         raise InputError("a run refuses every setting that was to be measured; give smaller steps")
-    return Trial(spec, plan, sample, plan.unique[sample.rows], settings, own, reference)
+    return Trial(spec, plan, sample, plan.unique[sample.rows], settings, current, reference)
 
 
 def measure(trial: Trial, *, repeats: int, workers: int | None, progress: Progress) -> xr.Dataset:
@@ -336,7 +337,7 @@ def _attributes(trial: Trial) -> dict[str, Any]:
     return {
         **global_attributes(f"Speed-accuracy trade: {spec.title or 'sweep of seismic pounding of adjacent buildings'}"),
         KIND_ATTRIBUTE: KIND,
-        "own_setting": trial.own.label if trial.own else "",
+        "own_setting": trial.current.label if trial.current else "",
         "sample_scenarios": len(trial.sample.rows),
         "touching_scenarios": int(trial.sample.touching.sum()),
         "unique_scenarios": len(trial.plan.unique),
@@ -593,15 +594,15 @@ def answer(trade: xr.Dataset) -> dict[str, Any]:
     It is the cheapest accuracy as strict as the sweep's own or the default one, since that holds for every scenario;
     without one the cheapest setting that errs no more in the sample, and else the one that errs least.
     """
-    settings, own = compared(trade), trade.attrs["own_setting"]
+    settings, current = compared(trade), trade.attrs["own_setting"]
     accuracy, error = settings["accuracy"].values, settings["error"].values
-    is_own = settings["setting"].values == own
-    stated = accuracy[is_own & ~np.isnan(accuracy)]
+    is_current = settings["setting"].values == current
+    stated = accuracy[is_current & ~np.isnan(accuracy)]
     wanted = float(stated[0]) if len(stated) else DEFAULT_ACCURACY
-    expected = is_own | (accuracy == wanted)  # noise is no reason for another one
+    expected = is_current | (accuracy == wanted)  # noise is no reason for another one
     cost = settings["cost"].values * np.where(expected, 1.0 - NOISE, 1.0)
     ok = trade["status_count"].sel(status=Status.OK.label).values
-    kept, least = (error <= wanted) & (ok == ok.max()), error == np.fmin.reduce(error)
+    fitting, least = (error <= wanted) & (ok == ok.max()), error == np.fmin.reduce(error)
     rows = {row["setting"]: row for row in trade_rows(trade)}
 
     def cheapest(*choices: np.ndarray) -> dict[str, Any]:
@@ -612,11 +613,11 @@ def answer(trade: xr.Dataset) -> dict[str, Any]:
         names = "setting", "scheme", "located", "precision", "accuracy", "step", "cost"
         return {name: rows[label][name] for name in names} | {"error": finite(settings.error.sel(setting=label).item())}
 
-    best = cheapest(accuracy <= wanted, kept, least)
+    best = cheapest(accuracy <= wanted, fitting, least)
     solver = {name: best[key] for name, key in (("method", "scheme"), ("dt", "step"), ("locate", "located"))}
     solver = solver | {"precision": best["precision"]} if best["accuracy"] is None else {"accuracy": best["accuracy"]}
-    own_numbers = numbers_of(own) if own else None
-    return {"wanted": wanted, "solver": solver, "best": best, "own": own_numbers, "fastest": cheapest(kept, least)}
+    compared_with = {"own": numbers_of(current) if current else None, "fastest": cheapest(fitting, least)}
+    return {"wanted": wanted, "solver": solver, "best": best, **compared_with}
 
 
 def report(trade: xr.Dataset) -> dict[str, Any]:
@@ -635,17 +636,17 @@ def report(trade: xr.Dataset) -> dict[str, Any]:
 def table_of(trade: xr.Dataset, population: str = "steady", full: bool = True) -> tuple[list[str], list[list[str]]]:
     """Return the headings and rows of the table on the terminal: of few settings, or in `full`."""
     columns, settings = list(product(leading_outputs(trade), ("median", "worst"))), compared(trade)
-    own, is_front = settings["setting"].values == trade.attrs["own_setting"], settings["front"].values
+    current, is_front = settings["setting"].values == trade.attrs["own_setting"], settings["front"].values
     order = np.arange(trade.sizes["setting"]) if full else np.argsort(settings["cost"].values)
-    shown, rows = own | is_front | np.isfinite(settings["accuracy"].values) | full, []
+    listed, rows = current | is_front | np.isfinite(settings["accuracy"].values) | full, []
     all_rows = trade_rows(trade)
-    for place in order[shown[order]].tolist():
+    for place in order[listed[order]].tolist():
         row = all_rows[place]
         statuses = dict(row["statuses"])
         statuses.pop(Status.OK.label, 0)
         others = ", ".join(f"{count} {label.replace('_', ' ')}" for label, count in statuses.items())
         cells = (_error_text(row["errors"][name][population][statistic]) for name, statistic in columns)
-        label = row["setting"] + "*" * bool(is_front[place]) + " (yours)" * bool(own[place])
+        label = row["setting"] + "*" * bool(is_front[place]) + " (yours)" * bool(current[place])
         rows.append([label, f"{row['cost']:.3g}", *cells, others or "-"])
     errors = [f"{LEADING.get(name, name)} {statistic}" for name, statistic in columns]
     return ["setting", "s/1000", *errors, "not ok"], rows

@@ -131,8 +131,8 @@ def number_text(value: float | None) -> str:
 
 def comma_hint(values: Sequence[Any]) -> str:
     """Say that values are decimals that were written with commas, if they look so; else ""."""
-    whole = all(isinstance(number, int | float) and number >= 0 and number % 1 == 0 for number in values)
-    if len(values) < 4 or len(values) % 2 or not whole:
+    integers = all(isinstance(number, int | float) and number >= 0 and number % 1 == 0 for number in values)
+    if len(values) < 4 or len(values) % 2 or not integers:
         return ""
     decimals = [f"{a:.0f}.{b:.0f}" for a, b in zip(values[::2], values[1::2], strict=True)]
     rising = [*map(float, decimals)]

@@ -79,23 +79,24 @@ def _print_trade(trade: xr.Dataset, everything: bool) -> None:
 
     attributes, advice = trade.attrs, answer(trade)
     sample, sensitive = int(attributes["sample_scenarios"]), int(attributes["sensitive_scenarios"])
-    best, own, fastest = (advice[name] for name in ("best", "own", "fastest"))
+    best, current, fastest = (advice[name] for name in ("best", "own", "fastest"))
 
-    def beside_best(one: dict[str, Any]) -> str:
+    def against_best(one: dict[str, Any]) -> str:
         errors = f", {one['error'] / best['error']:.2g} times the error" if one["error"] and best["error"] else ""
         return f"{one['setting']}: {one['cost'] / best['cost']:.2g} times the time{errors}"
 
     worst = "-" if best["error"] is None else f"{best['error']:.1e}"
     print(
-        f"Take {best['setting']} (by {best['scheme']}, {best['precision']}){', as your file does' * (best == own)}: "
+        f"Take {best['setting']} (by {best['scheme']}, {best['precision']})"
+        f"{', as your file does' * (best == current)}: "
         f"{best['cost']:.2g} s per 1000 scenarios on one core, worst error {worst}."
     )
-    if own is None:
+    if current is None:
         print("Your file: a run refuses scenarios of it, beyond the stability limit of its step.")
-    elif own != best:
-        print(f"Your file, {beside_best(own)}.")
+    elif current != best:
+        print(f"Your file, {against_best(current)}.")
     if fastest["cost"] < 0.9 * best["cost"]:
-        print(f"Fastest within {advice['wanted']:g}, but only in this sample: {beside_best(fastest)}.")
+        print(f"Fastest within {advice['wanted']:g}, but only in this sample: {against_best(fastest)}.")
     texts = {name: scientific(x) if isinstance(x, float) else json.dumps(x) for name, x in advice["solver"].items()}
     lines = [f"{name} = {text}" for name, text in texts.items()]
     print("", "[solver]", *lines, "", sep="\n")
@@ -124,7 +125,7 @@ def _print_trade(trade: xr.Dataset, everything: bool) -> None:
 
 
 #: Violations that are printed in full.
-SHOWN = 20
+MOST_FAULTS = 20
 
 
 @command("extremes")
@@ -194,7 +195,7 @@ def _print_extremes(report: dict[str, Any]) -> None:
             rows.append([form.format(**values) for form in ("{family}", "{method}", *forms.values())])
         print_table(["family", "scheme", *forms], rows, right=range(2, len(forms) + 2))
         print()
-    for fault in [fault for result in results for fault in result["violations"]][:SHOWN]:
+    for fault in [fault for result in results for fault in result["violations"]][:MOST_FAULTS]:
         gaps = ", ".join(f"{g:.4g}" for g in fault["gaps"]) or "-"
         print(
             "{family} ({case}), {law}, {method} {precision}, dt {dt:g} s, k {stiffness:.4g}, e {restitution:.4g}, "

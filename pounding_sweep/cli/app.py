@@ -234,7 +234,7 @@ class SweepOptions:
 
         laws = [name if name in LAW_GROUPS else find_law(name) for name in self.laws or ()]
         loaded = load_sweep(self.sweep, skip_missing_records=self.skip_missing, folders=self.folders, laws=laws or None)
-        say_laws(loaded.spec.own_laws)
+        say_laws(loaded.spec.user_laws)
         return loaded if self.accuracy is None else loaded.from_spec(with_accuracy(loaded.spec, self.accuracy))
 
 

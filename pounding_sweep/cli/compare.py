@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 #: Rows of each table in a summary, and of a whole one beyond which records, storeys and scales are taken together.
-SHOWN, MOST = 12, 200
+MOST_ROWS, MOST = 12, 200
 #: Options whose flag is not the name of the argument of comparisons that they give.
 _FLAGS = {"quantiles": "quantile", "probabilities": "probability", "levels": "given", "folders": "records"} | {
     "behaviour": "cd, --ie, --q, --r"
@@ -235,7 +235,7 @@ def _print(report: dict[str, dict[str, Any]], cube: Path, *, summary: bool) -> N
             print_pairs([(key, part["why_not"]) for key, part in report.items() if key not in possible], indent=2)
     for number, (key, part) in enumerate(possible.items()):
         print("\n" * (summary or number > 0) + f"{key}: {part['title']}")
-        rows = part["lead"][: SHOWN if summary else None]
+        rows = part["lead"][: MOST_ROWS if summary else None]
         for name in _NOTES:
             if part["attributes"].get(name):
                 print(f"  {name.replace('_', ' ')}: {_cell(part['attributes'][name])}")

@@ -63,7 +63,7 @@ def records_command(
         return
     with reporting():
         from pounding_sweep.plan.sanity import record_doubts
-        from pounding_sweep.records import KNOWN_RECORDS, RECORD_SETS, Record, list_records, record_measures
+        from pounding_sweep.records import NAMED_RECORDS, RECORD_SETS, Record, list_records, record_measures
         from pounding_sweep.records.catalogue import PEER, data_folder
 
         listed = dict(list_records(folders, column))
@@ -77,7 +77,7 @@ def records_command(
             "unreadable": [{"name": name, "error": error} for name, error in errors.items()],
             "missing": [
                 {"name": key, "description": text, "files": list(files), "place": f"{PEER}, RSN {rsn}"}
-                for key, text, files, rsn in KNOWN_RECORDS.values()
+                for key, text, files, rsn in NAMED_RECORDS.values()
                 if key not in listed
             ],
             "sets": [

@@ -185,7 +185,7 @@ def _description(sweep: Sweep) -> dict[str, Any]:
         "records": [read_as(record) for record in spec.records],
         "record_files": describe_files(spec.records),
         "records_left_out": list(spec.records_left_out),
-        "own_laws": {law.key: law.sha256 for law in spec.own_laws},
+        "user_laws": {law.key: law.sha256 for law in spec.user_laws},
     }
 
 
@@ -293,8 +293,8 @@ def _simulate(options: ScenarioOptions) -> xr.Dataset:
     from pounding_sweep.analysis.rebuild import stored_spec
     from pounding_sweep.figures.select import scenario_title
     from pounding_sweep.output.netcdf import open_cube
-    from pounding_sweep.run.histories import peaks_shown
-    from pounding_sweep.run.simulate import simulate_shown
+    from pounding_sweep.run.histories import peak_share
+    from pounding_sweep.run.simulate import simulate_finely
     from pounding_sweep.run.sweep import load_sweep
 
     choice = {name: getattr(options, name) for name in _CHOICES}
@@ -307,12 +307,12 @@ def _simulate(options: ScenarioOptions) -> xr.Dataset:
             spec = stored_spec(cube, options.folders, record=choice["record"], case=choice["case"])
     else:
         spec = load_sweep(options.sweep, skip_missing_records=options.skip_missing, folders=options.folders).spec
-    app.say_laws(spec.own_laws)
-    histories = simulate_shown(spec, options.output_step, **choice)
+    app.say_laws(spec.user_laws)
+    histories = simulate_finely(spec, options.output_step, **choice)
     say(scenario_title(histories))
     if histories.sizes.get("time", 0) > 1:
         interval = 1e3 * float(histories["time"][1] - histories["time"][0])
-        say(f"histories at steps of {interval:.4g} ms show at least {peaks_shown(histories):.1%} of every peak")
+        say(f"histories at steps of {interval:.4g} ms show at least {peak_share(histories):.1%} of every peak")
     return histories
 
 

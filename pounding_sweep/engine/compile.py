@@ -165,7 +165,7 @@ def _load(folder: Path, piece: KernelSpec) -> Any:
 
 
 @cache
-def _own_folder() -> Path:
+def _private_folder() -> Path:
     """Return a folder of this process alone, removed at its end."""
     folder = tempfile.TemporaryDirectory(prefix="pounding_sweep_")
     atexit.register(folder.cleanup)
@@ -191,7 +191,7 @@ def compile_piece(piece: KernelSpec) -> Any:
                     RuntimeWarning,
                     stacklevel=2,
                 )
-                _COMPILED[piece] = _load(_own_folder(), piece)
+                _COMPILED[piece] = _load(_private_folder(), piece)
             finally:
                 gc.set_threshold(*often)
                 config.CACHE_DIR = elsewhere

@@ -40,9 +40,9 @@ class _Modes:
 
 def aligned(numbers: int, precision: str) -> np.ndarray:
     """Return room for numbers, none of whose vectors lies across two lines of the processor's cache."""
-    room = np.empty(numbers + LINE, precision)
-    first = -room.ctypes.data % LINE // room.itemsize
-    return room[first : first + numbers]
+    memory = np.empty(numbers + LINE, precision)
+    first = -memory.ctypes.data % LINE // memory.itemsize
+    return memory[first : first + numbers]
 
 
 def flight_tables(
@@ -67,17 +67,17 @@ def flight_tables(
         modes, values = _values_of_single(layout, row, h, precision)
     values |= {"slowness": 1.0 / modes.w, "square": (modes.w * h) ** 2, "damping": modes.c * h}
     values |= {"step": np.array([h]), "inverse": np.array([1.0 / h**2])}
-    values["sized"] = np.array([float(each.sized) for each in layout.watched])
+    values["sized"] = np.array([float(item.sized) for item in layout.watched])
     values["shaken"] = _shakes(layout).astype(float)
     rows = -(-count // layout.lanes) * layout.lanes if layout.strides else count  # filled side by side in lanes
     size = layout.start + rows * int(layout.size(stops))
-    tables = aligned(size, precision) if stay else _room(size, precision, precision)
-    own = tables[layout.start :].reshape(rows, -1)[:count, : layout.n_precomputed]
-    tables[: layout.start], own[:] = 0.0, 0.0
+    tables = aligned(size, precision) if stay else _reused(size, precision, precision)
+    varying = tables[layout.start :].reshape(rows, -1)[:count, : layout.n_precomputed]
+    tables[: layout.start], varying[:] = 0.0, 0.0
     for name, numbers in values.items():  # each last axis is padded to the width of its table
         by_row = name in layout.fixed
         if numbers.size and (by_row or name in layout.shared):
-            table, many = (own, layout.fixed) if by_row else (tables[None], layout.shared)
+            table, many = (varying, layout.fixed) if by_row else (tables[None], layout.shared)
             part = numbers if by_row else numbers[None]
             _, first = layout.places[name]
             place = table[:, first : first + many[name]].reshape(*part.shape[:-1], -1)
@@ -89,7 +89,7 @@ def flight_tables(
 
 def _shakes(layout: Layout) -> np.ndarray:
     """Whether each quantity that is watched is a total acceleration."""
-    return np.array([each.kind == ACCELERATION for each in layout.watched], bool)
+    return np.array([item.kind == ACCELERATION for item in layout.watched], bool)
 
 
 def _values_of_single(layout: Layout, row: Variants, h: float, precision: str) -> tuple[_Modes, dict[str, np.ndarray]]:
@@ -100,7 +100,7 @@ def _values_of_single(layout: Layout, row: Variants, h: float, precision: str) -
         here = slice(at, at + building.n_storeys)
         floors[here, here] = building.modes[1]
     push = masses @ floors
-    shape = np.array([each.weights for each in layout.watched]).reshape(-1, n) @ floors
+    shape = np.array([item.weights for item in layout.watched]).reshape(-1, n) @ floors
     shakes, widened = _shakes(layout), np.abs(shape.T) * (1.0 + 10.0 * MARGIN[precision])
     w = np.concatenate([row.frequencies[b].T for b in range(len(buildings))]).T  # each mode's side by side
     alpha, beta = (np.repeat(factors.T, storeys, axis=0).T for factors in row.rayleigh_factors)
@@ -138,8 +138,8 @@ def _values_of_coupled(
     for k, (floors, modal) in enumerate(zip(TO_FLOORS, TO_MODES, strict=True)):
         values |= {floors: np.swapaxes(modes.floors[:, k], 1, 2), modal: np.swapaxes(modes.modal[:, k], 1, 2)}
     shakes = _shakes(layout)
-    moved = np.array([each.weights for each in layout.watched]).reshape(q, n)
-    pulled = np.array([each.rates or (0.0,) * n for each in layout.watched]).reshape(q, n)
+    moved = np.array([item.weights for item in layout.watched]).reshape(q, n)
+    pulled = np.array([item.rates or (0.0,) * n for item in layout.watched]).reshape(q, n)
 
     def along(u: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return all that is watched by q or p, of displacements, velocities and rates of velocities by them."""
@@ -152,11 +152,11 @@ def _values_of_coupled(
     turn = np.zeros((*w.shape, 2, 2))
     turn[..., 0, 1], turn[..., 1, 0], turn[..., 1, 1] = w, -w, -c
     twice = turn @ turn
-    both = np.stack([by_q, w[:, None] * by_p], axis=3).swapaxes(1, 2)
+    paired = np.stack([by_q, w[:, None] * by_p], axis=3).swapaxes(1, 2)
     widened = 1.0 + 10.0 * MARGIN[precision]
     for name, share in (("bound", 1.0), ("bulge", h**2 / 8.0), ("missed", h**4 / 384.0)):
-        values[name] = np.linalg.norm(both, axis=3) * (widened * share)
-        both = both @ twice
+        values[name] = np.linalg.norm(paired, axis=3) * (widened * share)
+        paired = paired @ twice
     if layout.powers:
         values["powers"] = _power_shapes(layout, row, modes).reshape(len(w), -1)
         values["nodes"] = _node_steps(layout, _Modes(w, c, modes.push), h).reshape(len(w), -1)
@@ -181,7 +181,7 @@ def _power_shapes(layout: Layout, row: Variants, modes: CoupledModes) -> np.ndar
             link = scene.linked_floors[power.number]
             weights[link.left] += power.kind != "right"
             weights[link.right] += {"stretch": -1.0, "left": 0.0, "right": 1.0}[power.kind]
-        shapes.append(np.stack([weights @ each for each in ((vq, vp) if moves else (uq, up))], axis=1))
+        shapes.append(np.stack([weights @ item for item in ((vq, vp) if moves else (uq, up))], axis=1))
     return np.stack(shapes, axis=1)
 
 
@@ -208,13 +208,13 @@ def _sets(row: Variants) -> np.ndarray:
     return rest
 
 
-def _room(numbers: int, name: str, precision: str = "float64") -> np.ndarray:
+def _reused(numbers: int, name: str, precision: str = "float64") -> np.ndarray:
     """Room of a name, the same again for each call of a thread: new memory costs as much as filling it."""
-    room: np.ndarray | None = getattr(_MEMORY, name, None)
-    if room is None or len(room) < numbers:
-        room = aligned(numbers, precision)
-        setattr(_MEMORY, name, room)
-    return room[:numbers]
+    memory: np.ndarray | None = getattr(_MEMORY, name, None)
+    if memory is None or len(memory) < numbers:
+        memory = aligned(numbers, precision)
+        setattr(_MEMORY, name, memory)
+    return memory[:numbers]
 
 
 def _decays(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
@@ -246,13 +246,13 @@ def _in_lanes(layout: Layout, modes: _Modes, ground: np.ndarray, h: float, subst
     head += [0.0] * (layout.wide_modes - n)
     numbers = groups * n * lanes * (names + STATE * stops_of(layout, len(ground), substeps))
     numbers += (groups * lanes * len(layout.decays) + STATE) * layout.wide_modes
-    room = _room(len(head) + numbers, "decays")
-    room[: len(head)], room[-STATE * layout.wide_modes :] = head, 0.0
-    rows = room[len(head) :][: groups * names * n * lanes].reshape(groups, names, n, lanes)
+    memory = _reused(len(head) + numbers, "decays")
+    memory[: len(head)], memory[-STATE * layout.wide_modes :] = head, 0.0
+    rows = memory[len(head) :][: groups * names * n * lanes].reshape(groups, names, n, lanes)
     those = np.minimum(np.arange(groups * lanes), count - 1)  # idle lanes repeat the last one
-    for k, each in enumerate((modes.w, modes.c)):
-        rows[:, k] = each.T[:, those].reshape(n, groups, lanes).transpose(1, 0, 2)
-    return room
+    for k, item in enumerate((modes.w, modes.c)):
+        rows[:, k] = item.T[:, those].reshape(n, groups, lanes).transpose(1, 0, 2)
+    return memory
 
 
 def stride_of(substeps: int) -> int:

@@ -30,8 +30,8 @@ MAX_ENERGY = 2.0
 def phase_error(row: Scene | Variants, record: Record, numerics: Numerics) -> np.ndarray:
     """Phase by which a scheme misses the first two modes (rad), the largest of all buildings."""
     systems, h = variants_of(row).systems, record.dt / numerics.steps(record)
-    w, decay = (np.concatenate([each[:, :2].T for each in parts]) for parts in zip(*systems, strict=True))
-    weights = np.concatenate([(1.0, SECOND_MODE)[: each.shape[1]] for each, _ in systems])
+    w, decay = (np.concatenate([array[:, :2].T for array in parts]) for parts in zip(*systems, strict=True))
+    weights = np.concatenate([(1.0, SECOND_MODE)[: array.shape[1]] for array, _ in systems])
     share = numerics.scheme.phase_error(w * h, numerics.beta, numerics.gamma)
     rest = np.where(decay > 0.0, numerics.rest, 0.0)
     lasting = np.minimum(record.duration + rest, 2.0 / np.maximum(decay, 1e-300))
@@ -60,8 +60,8 @@ def energy_limit(
     a = np.abs(np.append(record.acceleration, 0.0))  # in one more step of the record the ground comes to rest
     pushed = 0.5 * float(np.sum(a[1:] + a[:-1])) * record.dt  # never less than the integral
     start = 0.0 if initial_velocity is None else np.sqrt((masses * np.square(initial_velocity)).sum(axis=1))
-    whole = masses.sum(axis=1) + bases.sum(axis=1)
-    return np.asarray(0.5 * (np.sqrt(whole) * pushed * np.abs(scale) + start) ** 2)
+    total = masses.sum(axis=1) + bases.sum(axis=1)
+    return np.asarray(0.5 * (np.sqrt(total) * pushed * np.abs(scale) + start) ** 2)
 
 
 def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
@@ -106,12 +106,12 @@ def variables_of(
     row = variants_of(kernel.scene) if variants is None else variants
     raw = {name: np.asfortranarray(values) for name, values in raw.items()}  # scenarios side by side: see `scatter`
     step = record.dt / kernel.numerics.steps(record)
-    kept = KernelResults(kernel.scene, raw, row, step, kernel.initial_velocity)
-    result = {name: VARIABLES[name].read(kept) for name in cube_variables(outputs)}
+    stored = KernelResults(kernel.scene, raw, row, step, kernel.initial_velocity)
+    result = {name: VARIABLES[name].read(stored) for name in cube_variables(outputs)}
     for name, values in result.items() if kernel.law.impulsive else ():
         if VARIABLES[name].of_force:  # where velocities jump, kernels leave a mark instead of a force
             result[name] = np.where(values > 0.0, np.nan, values)
-    result["status"] = _status(kernel, raw, kept.steps_by_law, record, row)
+    result["status"] = _status(kernel, raw, stored.steps_by_law, record, row)
     return result
 
 

@@ -141,7 +141,7 @@ def kernel_shape(
 @lru_cache(maxsize=64)
 def _compiled(law: Law) -> LawShape:
     """Part of a law that is compiled."""
-    values: dict[str, Any] = {each.name: getattr(law, each.name, None) for each in fields(LawShape)}
+    values: dict[str, Any] = {item.name: getattr(law, item.name, None) for item in fields(LawShape)}
     return LawShape(**{**values, "exponent": law.exponent or 1.0, "per_speed": law.damping == "elastic"})
 
 
@@ -192,7 +192,7 @@ def longest_rest(row: Scene | Variants) -> tuple[np.ndarray, np.ndarray]:
         if len(group) == 1 and scene.buildings[group[0]].dashpots:
             *_, w, drags = variants.modal(group)
             system = w, np.diagonal(drags, axis1=1, axis2=2)  # noqa: PLW2901
-        w, drag = (each[:, : 2 * len(group)] for each in system)  # the modes that move buildings most
+        w, drag = (item[:, : 2 * len(group)] for item in system)  # the modes that move buildings most
         frequencies.append(w[:, 0])
         ratio = 0.5 * drag / w
         rates.append((w * (ratio - np.sqrt(np.maximum(ratio**2 - 1.0, 0.0)))).min(axis=1))
@@ -371,8 +371,8 @@ class RowKernel:
         groups = max(1, int(late[0]) // LANES) if len(late) else most_groups
         which = which[: groups * LANES]
         needed = new[: int(which.max()) + 1]
-        some = row[needed] if len(needed) < len(row) else row
-        tables = flight_tables(layout, some, stops, _ground(motion, n), record.dt / n, precision, n, stay)
+        rows_of = row[needed] if len(needed) < len(row) else row
+        tables = flight_tables(layout, rows_of, stops, _ground(motion, n), record.dt / n, precision, n, stay)
         return (*tables, len(needed)), which, groups
 
     def _lanes(self, buildings: np.ndarray, row: Variants, rough: bool, inputs: Iterable[np.ndarray]) -> np.ndarray:

@@ -182,7 +182,7 @@ def oscillator_peaks(
     """Return the peaks of oscillators that start at rest, the base being at rest for a time (s) after its motion."""
     frequency = 2.0 * np.pi / periods
     steps = steps_of(periods, dt)
-    found = np.zeros((2, periods.size))
+    largest = np.zeros((2, periods.size))
     for count in np.unique(steps):
         chosen = steps == count
         step, w, peaks = dt / count, frequency[chosen], np.zeros((2, np.count_nonzero(chosen)))
@@ -190,8 +190,8 @@ def oscillator_peaks(
         longest = min(rest, dt + 0.5 * periods[chosen].max())
         motion = np.append(ground, np.zeros(math.ceil(longest / dt - 1e-9)))
         _march(motion, int(count), *_transition(w, damping, step), w * step, step, 2.0 * damping, peaks)
-        found[:, chosen] = peaks
-    return found[0], found[1] * frequency
+        largest[:, chosen] = peaks
+    return largest[0], largest[1] * frequency
 
 
 def strengths_for(row: Variants, record: Record, ductilities: Array, dt: float = STEP) -> tuple[Array, Array]:

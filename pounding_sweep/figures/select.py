@@ -15,7 +15,7 @@ from pounding_sweep.analysis.scenarios import COMPARISON, TOUCH_VARIABLES, long_
 from pounding_sweep.base.errors import InputError, check_choice, unknown
 from pounding_sweep.figures.style import join_nonempty, unit_text
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.records import KNOWN_RECORDS
+from pounding_sweep.records import NAMED_RECORDS
 from pounding_sweep.request.axes import DIMENSIONS, PREFIXES
 from pounding_sweep.variables.registry import INNER_DIMS, VARIABLES
 
@@ -187,7 +187,7 @@ def law_name(cube: xr.Dataset | xr.DataArray, law: str) -> str:
 
 def record_name(key: str) -> str:
     """Return what a record is called: event, station and component of a known one, else its own name."""
-    return KNOWN_RECORDS[key].description if key in KNOWN_RECORDS else key
+    return NAMED_RECORDS[key].description if key in NAMED_RECORDS else key
 
 
 def scenario_title(one: xr.Dataset) -> str:

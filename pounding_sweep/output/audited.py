@@ -105,8 +105,8 @@ def errors_sentence(cube: Mapping[Any, Any], attributes: Mapping[Any, Any]) -> s
     n, reference = len(error), attributes["audit_reference"]
     laws = np.asarray(cube["audit_law"][...])
     how_many = f"all {n} touching scenarios" if n == touching else f"{n} of {touching} touching scenarios"
-    some = sorted({*laws.tolist()})
-    which = "all laws" if {*np.ravel(cube["law"][...]).tolist()} <= {*some, "none"} else ", ".join(some)
+    audited = sorted({*laws.tolist()})
+    which = "all laws" if {*np.ravel(cube["law"][...]).tolist()} <= {*audited, "none"} else ", ".join(audited)
     text = f"{how_many}, {which}, compared with {reference}"
     if not undecided.all():
         decided = np.where(undecided[:, None], -1.0, error)

@@ -46,7 +46,7 @@ NAMED_AXES = frozenset(FACTOR_KINDS)
 #: What else sweeps of one study may differ in: no result of a scenario depends on it.
 FREE = frozenset({"cases", "design", "records", "records_left_out", "title", "audit"})
 #: Laws of a user's own there, by key.
-CUSTOM_LAWS = "own_laws"
+CUSTOM_LAWS = "user_laws"
 
 
 def plain(value: Any) -> Any:

@@ -184,9 +184,9 @@ def scenario_axes(plan: Plan) -> tuple[Coordinates, Coordinates]:
         elif name not in outer and (name != "contact_stiffness" or "stiffness" not in outer):
             at = tuple(slice(None) if i < len(outer) and outer[i] in dims else 0 for i in range(n))
             extra[name] = coordinate(dims, grid[at], *about)
-    if spec.own_laws:
+    if spec.user_laws:
         where, keys = extra["law"][:2] if cases else (("law",), spec.laws)
-        extra |= law_coordinates(where, keys, {law.key: law for law in (*LAWS.values(), *spec.own_laws)})
+        extra |= law_coordinates(where, keys, {law.key: law for law in (*LAWS.values(), *spec.user_laws)})
     if not cases:
         text = "peak ground acceleration of the record at scale 1"
         extra["record_pga"] = coordinate(("record",), [record.pga for record in spec.records], "m s-2", text)

@@ -175,8 +175,8 @@ def merge_cubes(
         n_bytes = sum(values.nbytes for _, values, _ in cube.data_vars.values())
         check_space(target.parent, n_bytes, f"the cube of {result.scenarios:,} scenarios")
         _merge_audits(cube, parts)
-        whole = tuple(slice(0, size) for size in sizes)
-        runs = _merge_slab(_with_equal_runs(parts, sweeps), axes, labels, tolerance, Merged(target, 0), {}, whole)
+        everything = tuple(slice(0, size) for size in sizes)
+        runs = _merge_slab(_with_equal_runs(parts, sweeps), axes, labels, tolerance, Merged(target, 0), {}, everything)
         origins = dict(zip(_OF_CUBE, number_runs(runs["origin"], runs["run"]), strict=True))
         parts = {file: part.drop_vars(_OF_CUBE) for file, part in parts.items()}
         slab_of = partial(_merge_slab, parts, axes, labels, tolerance, result, origins)

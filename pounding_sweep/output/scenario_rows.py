@@ -65,11 +65,11 @@ def places_of(wanted: np.ndarray, rising: np.ndarray) -> np.ndarray:
 def number_runs(origin: np.ndarray, run: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return ``origin`` and ``run`` of scenarios, by what tells runs apart: numbers from 1, the first is no copy."""
     origin, numbers = origin.copy(), np.zeros(run.shape, np.int32)
-    answered, own = (np.flatnonzero(origin != NOT_RUN), np.flatnonzero(origin <= COPY))
+    answered, ran = (np.flatnonzero(origin != NOT_RUN), np.flatnonzero(origin <= COPY))
     _, first, index = np.unique(run.flat[answered], return_index=True, return_inverse=True)
     numbers.flat[answered] = 1 + np.argsort(np.argsort(first))[index]
-    origin.flat[own] = COPY
-    origin.flat[own[np.unique(run.flat[own], return_index=True)[1]]] = 0
+    origin.flat[ran] = COPY
+    origin.flat[ran[np.unique(run.flat[ran], return_index=True)[1]]] = 0
     return origin, numbers
 
 

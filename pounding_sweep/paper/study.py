@@ -34,7 +34,7 @@ from pounding_sweep.variables.registry import WITH_VALUES, Status, get_variable,
 _FOLDER = files("pounding_sweep") / "data" / "mate2015"
 #: Ground motions, tables, readings, limits, conclusions and findings; see the file.
 PAPER: dict[str, Any] = tomllib.loads((_FOLDER / "paper.toml").read_text("utf-8"))
-#: Table 2, by the keys of records in `pounding_sweep.records.KNOWN_RECORDS`.
+#: Table 2, by the keys of records in `pounding_sweep.records.NAMED_RECORDS`.
 GROUND_MOTIONS: dict[str, tuple[float, float]] = PAPER["ground_motions"]
 RECORDS = tuple(GROUND_MOTIONS)
 TABLES = {int(number): title for number, title in PAPER["tables"].items()}

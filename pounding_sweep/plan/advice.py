@@ -390,7 +390,7 @@ def advise(demand: Demand) -> Choice:
     lengths = np.concatenate([interval[table.record] / steps, (interval[:, None] / used).ravel()])
     low, high = int(counts.min()), int(counts.max())
     number = f"{low if low == high else f'{low} to {high}'} step{'s' * (high > 1)}"
-    laws = (*spec.own_laws, *(bumper.law for bumper in spec.scene.bumpers))
+    laws = (*spec.user_laws, *(bumper.law for bumper in spec.scene.bumpers))
     numbers = {
         "accuracy": demand.accuracy,
         "method": method,

@@ -4,10 +4,10 @@
 
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.records.catalogue import (
-    KNOWN_RECORDS,
+    NAMED_RECORDS,
     RECORD_SETS,
     RECORDS_VARIABLE,
-    KnownRecord,
+    NamedRecord,
     RecordSet,
     find_record,
     list_records,

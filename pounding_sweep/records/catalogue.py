@@ -31,7 +31,7 @@ Folders = FilePath | Sequence[FilePath] | None
 _TABLES = read_data("records.toml")
 
 
-class KnownRecord(NamedTuple):
+class NamedRecord(NamedTuple):
     """A record the package knows by name, whether or not its file is at hand."""
 
     key: str
@@ -43,7 +43,7 @@ class KnownRecord(NamedTuple):
     rsn: int | None = None
 
 
-KNOWN_RECORDS = {key: KnownRecord(key, **entry) for key, entry in _TABLES["known"].items()}
+NAMED_RECORDS = {key: NamedRecord(key, **entry) for key, entry in _TABLES["known"].items()}
 """Records known by name, by key."""
 PEER = "the PEER NGA-West2 database, https://ngawest2.berkeley.edu"
 """Where those are that are not bundled."""
@@ -160,15 +160,15 @@ def _files(folder: Path) -> list[Path]:
         return []
 
 
-def _file_entry(name: str) -> KnownRecord | None:
+def _file_entry(name: str) -> NamedRecord | None:
     """Find the known record whose file has that name, with or without its ending."""
     stem = Path(name).stem.lower()
-    return next((e for e in KNOWN_RECORDS.values() if stem in (Path(file).stem.lower() for file in e.files)), None)
+    return next((e for e in NAMED_RECORDS.values() if stem in (Path(file).stem.lower() for file in e.files)), None)
 
 
 @cache
 def _bundled() -> Record:
-    entry = KNOWN_RECORDS["el_centro"]
+    entry = NAMED_RECORDS["el_centro"]
     with importlib.resources.as_file(importlib.resources.files("pounding_sweep") / "data" / entry.files[0]) as file:
         return replace(read_record(file, name=entry.key), source=f"{entry.description} (bundled {entry.files[0]})")
 
@@ -179,7 +179,7 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
     Parameters
     ----------
     name
-        "el_centro" (bundled), the key or RSN ("RSN949", "949") of a record in `KNOWN_RECORDS`, the name of a file in a
+        "el_centro" (bundled), the key or RSN ("RSN949", "949") of a record in `NAMED_RECORDS`, the name of a file in a
         folder, with or without its ending, or ``SET/RECORD`` with a key of `RECORD_SETS`:
         "fema_p695_far_field/RSN953_NORTHR_MUL009".
     folders
@@ -220,11 +220,11 @@ def find_record(name: str, folders: Folders = None, column: str | int | None = N
         raise RecordError(unknown(f"record of {key}", component, components))
     number = re.fullmatch(r"(?:rsn)?[ _-]?(\d{1,6})", name, re.ASCII | re.IGNORECASE)
     rsn = int(number[1]) if number else 0
-    by_number = {entry.rsn: entry for entry in KNOWN_RECORDS.values() if entry.rsn}
-    entry = KNOWN_RECORDS.get(_plain_name(name), by_number.get(rsn))
+    by_number = {entry.rsn: entry for entry in NAMED_RECORDS.values() if entry.rsn}
+    entry = NAMED_RECORDS.get(_plain_name(name), by_number.get(rsn))
     if entry is not None and entry.rsn is None:
         return _bundled()
-    searched, names = _folders(folders), {*KNOWN_RECORDS, *RECORD_SETS}
+    searched, names = _folders(folders), {*NAMED_RECORDS, *RECORD_SETS}
     wanted = {name.lower(), *(file.lower() for file in (entry.files if entry else ()))}
     for folder in searched:
         files = _files(folder)
@@ -299,7 +299,7 @@ def list_records(folders: Folders = None, column: str | int | None = None) -> li
 def read_files(item: FilePath, base: FilePath | None, read: Callable[[Path], Record]) -> list[Record] | None:
     """Read the files that a folder or a pattern (with *, ? or [) stands for, in order of name; None for other items."""
     text, path = os.fspath(item), Path(base or "") / expanded(item)
-    folder, named = os.path.isdir(path), _plain_name(text) in {"", *KNOWN_RECORDS, *RECORD_SETS}
+    folder, named = os.path.isdir(path), _plain_name(text) in {"", *NAMED_RECORDS, *RECORD_SETS}
     if named or os.path.isfile(path) or not (folder or glob.has_magic(text)):
         return None
     matches = glob.glob(os.path.join(glob.escape(os.fspath(base or "")), expanded(item)), recursive=True)

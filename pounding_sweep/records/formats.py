@@ -285,8 +285,10 @@ def _headings(line: str, row: str, columns: int) -> list[str]:
             splits.append(re.findall("[A-Za-z]+", plain)[1:])
     for heads in splits:
         # two words are a title, unless they look like headings; numbers are none
-        known = any(_TIME_HEADING.match(head) or re.search(r"[(\[]", head) for head in heads) or _SPECTRAL.match(plain)
-        title = separators[0] == " " and columns == 2 and not known and not all(map(_COMPONENT.fullmatch, heads))
+        recognised = any(_TIME_HEADING.match(head) or re.search(r"[(\[]", head) for head in heads) or _SPECTRAL.match(
+            plain
+        )
+        title = separators[0] == " " and columns == 2 and not recognised and not all(map(_COMPONENT.fullmatch, heads))
         if title or (any(map(NUMBER.fullmatch, heads)) and not _TIME_HEADING.match(heads[0])):
             continue
         if len(heads) == columns and (same or _TIME_HEADING.match(heads[0]) or _INDEX_HEADING.fullmatch(heads[0])):

@@ -227,7 +227,7 @@ class _Reader:
             cases=cases,
             design=design,
             laws=tuple(self.laws),
-            own_laws=tuple(law for key, law in self.laws.items() if key not in LAWS),
+            user_laws=tuple(law for key, law in self.laws.items() if key not in LAWS),
             scene=self.scene,
             records=tuple(self.records),
             records_left_out=tuple(self.left_out),
@@ -442,7 +442,7 @@ class _Reader:
             return {}
         drawn = {entry.target for entry in design.inputs} if design else set()
         axes = self._read_axes(drawn)
-        values = self._axis_values(axes) if self._has_room(axes, design) else {}
+        values = self._axis_values(axes) if self._fits(axes, design) else {}
         chosen = {name for name in AXES if arguments[name] is not None} | {name for name, _ in drawn}
         by_pair = {name for argument, name in {*(axis.target for axis in axes), *drawn} if argument == "pair_gaps"}
         if "gaps" in chosen and self.scene is not None and by_pair and by_pair == {*self.scene.pair_names}:
@@ -468,7 +468,7 @@ class _Reader:
                 axes.append(ReadAxis(target, place, values))
         return axes
 
-    def _has_room(self, axes: Sequence[ReadAxis], design: Design | None) -> bool:
+    def _fits(self, axes: Sequence[ReadAxis], design: Design | None) -> bool:
         """Whether a sweep of these axes is not too large; notes it otherwise."""
         draws_records = design is not None and any(entry.argument == "records" for entry in design.inputs)
         sizes = {"records": 1 if draws_records else len(self.records or []), "laws": len(self.laws)}

@@ -81,7 +81,7 @@ class SweepSpec(AxisValues):
     audit: float = AUDIT_SHARE  # share of the cost at a fixed step spent on comparing a sample; 0: none
     #: records asked for that are missing, where going on without them was allowed
     records_left_out: tuple[str, ...] = ()
-    own_laws: tuple[Law, ...] = ()  # those laws that are not in the registry
+    user_laws: tuple[Law, ...] = ()  # those laws that are not in the registry
     sa_period: float | None = None  # period (s) of the axis `sas`
     design: Design | None = None  # what the cases were drawn by
 
@@ -91,7 +91,7 @@ class SweepSpec(AxisValues):
 
     def law(self, key: str) -> Law:
         """Return a law of the sweep by its key."""
-        return next((law for law in self.own_laws if law.key == key), None) or get_law(key)
+        return next((law for law in self.user_laws if law.key == key), None) or get_law(key)
 
     @property
     def axes(self) -> dict[str, Sequence[Any]]:
@@ -221,7 +221,7 @@ def scene_of(data: Mapping[str, Any]) -> Scene:
 
 def laws_of(data: Mapping[str, Any]) -> dict[str, Law]:
     """Return the laws by key that a sweep has beside those of the registry, as JSON describes them."""
-    described = data.get("own_laws", {}).items()
+    described = data.get("user_laws", {}).items()
     return {key: Law(**{name: value for name, value in law.items() if name != "sha256"}) for key, law in described}
 
 
@@ -231,14 +231,14 @@ def spec_of(data: Mapping[str, Any], records: Iterable[Record]) -> SweepSpec:
     for name in ("laws", "outputs", "records_left_out"):
         read[name] = tuple(read[name])
     read |= vars(axes_of(data)) | {"scene": scene_of(data["scene"]), "records": tuple(records), "design": None}
-    read |= {"cases": data["cases"] and tuple(map(case_of, data["cases"])), "own_laws": tuple(laws_of(data).values())}
+    read |= {"cases": data["cases"] and tuple(map(case_of, data["cases"])), "user_laws": tuple(laws_of(data).values())}
     return SweepSpec(**read)
 
 
 def to_json(spec: SweepSpec) -> str:
     """Write a sweep as canonical JSON: the same sweep gives the same text."""
-    laws = {law.key: {**law.described, "sha256": law.sha256} for law in spec.own_laws}
-    data = {"format": 1, **json_data(spec), "own_laws": laws}
+    laws = {law.key: {**law.described, "sha256": law.sha256} for law in spec.user_laws}
+    data = {"format": 1, **json_data(spec), "user_laws": laws}
     return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 

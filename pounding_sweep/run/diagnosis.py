@@ -96,9 +96,9 @@ def _required() -> dict[str, str]:
     with suppress(PackageNotFoundError):
         lines = sorted(requires(NAME) or [])
     pattern = r"([\w.-]+)(?:.*extra == ['\"](\w+))?"
-    found = [match.groups("") for line in lines if (match := re.match(pattern, line))]
+    required = [match.groups("") for line in lines if (match := re.match(pattern, line))]
     # the last one counts, which is that without an extra
-    return {name: extra for extra in (*EXTRAS, "") for name, by in found if by == extra}
+    return {name: extra for extra in (*EXTRAS, "") for name, by in required if by == extra}
 
 
 @cache
@@ -157,12 +157,12 @@ def free_memory(root: Path = Path("/")) -> FreeMemory:
     return min(limits)
 
 
-def check_memory(scenarios: int, bytes_each: int, what: str, remedy: str) -> None:
+def check_memory(scenarios: int, bytes_of_one: int, what: str, remedy: str) -> None:
     """Raise `SweepError` where `scenarios` times `bytes_each` are more than this process may still take."""
     free = free_memory()
-    if scenarios * bytes_each > free.bytes:
+    if scenarios * bytes_of_one > free.bytes:
         raise SweepError(
-            f"{what} {scenarios:,} scenarios needs about {bytes_text(scenarios * bytes_each)} of memory, "
+            f"{what} {scenarios:,} scenarios needs about {bytes_text(scenarios * bytes_of_one)} of memory, "
             f"{bytes_text(free.bytes)} are free ({free.limit}); {remedy}, make several sweeps of it, "
             "or go where more is free"
         )

@@ -125,7 +125,7 @@ _SEEN = {
 }
 
 
-def peaks_shown(one: xr.Dataset) -> float:
+def peak_share(one: xr.Dataset) -> float:
     """Return the least share of a reported peak that its history shows, of displacements, accelerations and forces."""
     # peaks are located between the instants of the histories; the share is that of the largest of all floors or
     # contacts, 1 where every peak is shown

@@ -57,15 +57,15 @@ class EarlierCube:
             self._new = json.loads(to_json(plan.spec))
             # what kept as small an error is as good, by whatever scheme and steps
             self._accuracies = self._sweep["accuracy"], plan.spec.accuracy
-            is_kept = None not in self._accuracies and self._accuracies[0] <= self._accuracies[1]
+            accurate = None not in self._accuracies and self._accuracies[0] <= self._accuracies[1]
             chosen = {name for name in ("method", "precision") if self._new[name] is None} | {"accuracy"}
-            free = dict.fromkeys({"force_unstable", *(chosen if is_kept else ())})
+            free = dict.fromkeys({"force_unstable", *(chosen if accurate else ())})
             pairs = differing_sweeps(self._sweep | free, self._new | free)
             check_one_study(repr(self.path), "this sweep", pairs, "Make them agree, or run the sweep without the cube")
             made, now = made_by(cube.attrs), installed()
             check_one_study(repr(self.path), "this sweep", [(key, made[key], now[key]) for key in now], MAKERS_REMEDY)
             varied = varies_buildings(cube, self._sweep), len(plan.variants) > 1
-            if not is_kept and varied[0] != varied[1]:
+            if not accurate and varied[0] != varied[1]:
                 raise InputError(
                     f"{self.path!r} can't be extended: only one of the two sweeps varies building properties, which "
                     "runs in kernels of its own; run the sweep without it"

@@ -31,7 +31,7 @@ from pounding_sweep.request.axes import (
 )
 from pounding_sweep.request.build import build_spec
 from pounding_sweep.request.spec import DEFAULT_STEP, SweepSpec, case_variants, json_data
-from pounding_sweep.run.histories import histories, instants_in_contact, peaks_shown
+from pounding_sweep.run.histories import histories, instants_in_contact, peak_share
 from pounding_sweep.run.refinement import STATES, ended, run_scenarios
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.variables.registry import VARIABLES, Status
@@ -237,7 +237,7 @@ def selectors(spec: SweepSpec) -> dict[str, tuple[str, str | None]]:
     fields: dict[str, tuple[str, str | None]] = {name: (name, None) for name in names}
     for argument, axis in sorted(AXES.items(), key=lambda item: not item[1].by):
         if axis.by:
-            named = {each.name: each.dimension for each in spec.named_axes("building", "pair") if each.axis is axis}
+            named = {item.name: item.dimension for item in spec.named_axes("building", "pair") if item.axis is axis}
             for owner in names_by(spec.scene, axis.by):
                 fields[named.get(owner) or plain_name(f"{axis.dimension}_{owner}", fields)] = (argument, owner)
         elif axis.of_buildings and not axis.listed:
@@ -313,7 +313,7 @@ def simulate_one(
     variants, index = case_variants(spec.scene, [chosen])
     scene = variants.scene_of(index[0])
     scene = scene.with_gaps(chosen.gaps_of(scene))
-    law = next((law for law in spec.own_laws if law.key == chosen.law), None) or find_law(chosen.law)
+    law = next((law for law in spec.user_laws if law.key == chosen.law), None) or find_law(chosen.law)
     number, before = values.get("stiffness"), spec.law(scenario["law"])
     if "stiffness" not in choice and number and before.exponent and law.exponent not in (None, before.exponent):
         raise InputError(
@@ -339,14 +339,14 @@ def simulate_one(
 
 #: Share of every reported peak that histories show, instants of their deepest contact, and how often the step is
 #: halved for them at most.
-SHOWN, _INSTANTS, _HALVINGS = 0.99, 40, 8
+PEAK_SHARE, _INSTANTS, _HALVINGS = 0.99, 40, 8
 
 
-def simulate_shown(spec: SweepSpec, output_step: float | None = None, **choice: Any) -> xr.Dataset:
+def simulate_finely(spec: SweepSpec, output_step: float | None = None, **choice: Any) -> xr.Dataset:
     """Run one scenario as `simulate_one`, by default at steps so short that histories show peaks and contacts."""
     one = simulate_one(spec, output_step=output_step, **choice)
     for _ in range(_HALVINGS if output_step is None else 0):
-        if peaks_shown(one) >= SHOWN and instants_in_contact(one) >= _INSTANTS:
+        if peak_share(one) >= PEAK_SHARE and instants_in_contact(one) >= _INSTANTS:
             break
         one = simulate_one(spec, output_step=0.5 * one.attrs["time_step"], **choice)
     return one

@@ -79,8 +79,10 @@ class Sweep:
     #: Every argument by its name, for `help` and editors: those of `build_spec`, the first three by place too.
     __signature__ = inspect.Signature(
         [
-            each.replace(kind=each.POSITIONAL_OR_KEYWORD if name in ("scene", "records", "laws") else each.kind)
-            for name, each in inspect.signature(build_spec).parameters.items()
+            parameter.replace(
+                kind=parameter.POSITIONAL_OR_KEYWORD if name in ("scene", "records", "laws") else parameter.kind
+            )
+            for name, parameter in inspect.signature(build_spec).parameters.items()
         ]
     )
 
