@@ -95,6 +95,30 @@ def test_tables_that_stay_are_those_of_their_record():
             np.testing.assert_array_equal(found[name], values, err_msg=name)
 
 
+def finer(record, factor):
+    """The same motion, linear between points, in steps that are shorter by a factor."""
+    at = np.arange((record.n_points - 1) * factor + 1) / factor
+    return ps.Record("finer", record.dt / factor, np.interp(at, np.arange(record.n_points), record.acceleration))
+
+
+def test_peaks_do_not_depend_on_the_grid_of_flight():
+    """Those of the motion without pounding beside exact steps, 200 in each of the record's, and with impacts."""
+    scene, record, kernel = pair(), motions()[0], kernel_of(pair())
+    apart = {"scale": np.ones(1), "stiffness": np.full(1, 8e5), "restitution": np.ones(1), "gaps": np.ones((1, 1))}
+    alone = [NaiveBuilding(list(b.masses), list(b.stiffnesses), rayleigh=b.rayleigh) for b in scene.buildings]
+    fine = finer(record, 200)
+    moved = np.concatenate([modal_exact(b, fine.acceleration, fine.dt)[0] for b in alone], axis=1)
+    last = moved.argmax(axis=0)
+    before, top, after = (moved[last + k, np.arange(len(last))] for k in (-1, 0, 1))
+    want = top - (after - before) ** 2 / (8.0 * (after - 2.0 * top + before))  # of the parabola
+    np.testing.assert_allclose(kernel.run(record, **apart)["umax"][0], want, rtol=1e-9)
+    once, again = (kernel.run(each, **some_scenarios()) for each in (record, finer(record, 8)))
+    assert once["count"].sum() > 100
+    np.testing.assert_array_equal(once["count"], again["count"])
+    for name in ("umax", "umin", "drift", "acc"):
+        np.testing.assert_allclose(once[name], again[name], rtol=1e-9, atol=1e-12 * again[name].max(), err_msg=name)
+
+
 def test_a_negative_scale_is_the_record_upside_down():
     kernel, record, given = kernel_of(pair()), motions()[0], some_scenarios()
     other = {**given, "scale": -given["scale"]}

@@ -943,14 +943,18 @@ class Flight:
         """Sum up a watched quantity at the lanes' instants, of rows of the modes."""
         *_, lows, counts = self._lookups
         low, many = lows[q], {many for _, many in self.layout.ranges}
-        total, names = self.times.cell(0.0), ("shape", "shape_rate")[: 1 + self.coupled]
-        shape, *rates = (self.place_of(name) + (q * self.layout.modes + low) for name in names)
+        total, (shape, *rates) = self.times.cell(0.0), self._shapes(q)
         for k in self.indices(many.pop()) if len(many) == 1 else count_to(counts[q]):
             if row:
                 total.now = fma(self.tables.number(shape + k), self.rows[row, low + k], total.now)
             for at in rates:
                 total.now = fma(self.tables.number(at + k), self.rows[RATES[row], low + k], total.now)
         return total.now
+
+    def _shapes(self, q: Any) -> list[Any]:
+        """Where what modes, and coupled ones by their rates, add to a watched quantity begins."""
+        first = q * self.layout.modes + self._lookups[3][q]
+        return [self.place_of(name) + first for name in ("shape", "shape_rate")[: 1 + self.coupled]]
 
     def _crosses(self, q: Any, onset: bool) -> Any:
         """Whether a watched quantity may reach its limit in the window; how far beyond it is, in ``reached``."""
@@ -990,6 +994,23 @@ class Flight:
         added = self._sum(q, rise)
         return start + added, end + added
 
+    def _higher_rates(self, q: Any, names: Sequence[str]) -> list[tuple[Any, Any]]:
+        """Return the fourth and fifth rates at the starts and the ends of steps, by the equations of the modes."""
+        w, (_, _, _, lows, counts), zero = self.rows, self._lookups, self.times.full(0.0)
+        free, pushed = ([Cell(zero), Cell(zero)] for _ in "..")
+        for k in count_to(counts[q]):
+            m = lows[q] + k
+            stiff, damped = self.number("square", m), self.number("damping", m)
+            weights = [self.tables.number(at + k) for at in self._shapes(q)]
+            for sums, rows in ((free, names[2:4]), (pushed, names[4:])):
+                rates = [w[row, m] if row else zero for row in rows]
+                for _ in range(2 + self.coupled):
+                    rates.append(-fma(stiff, rates[-2], damped * rates[-1]))
+                for i, cell in enumerate(sums):
+                    for weight, rate in zip(weights, rates[2 + i :], strict=False):
+                        cell.now = fma(weight, rate, cell.now)
+        return [(x.now + g.now, shifted(x.now) + g.now) for x, g in zip(free, pushed, strict=True)]
+
     def _turn(self, q: Any, names: Sequence[str]) -> None:
         """Take the peaks of a motion in the window, by rows of its rates and what the ground adds to the last two."""
         w, far, number = self.rows, self.group.limit.far, self._numbers_of(0)
@@ -1002,7 +1023,8 @@ class Flight:
             s0 = self._sum(q, names[1])
             x1, s1 = shifted(x), shifted(s0)
             (c0, c1), (j0, j1) = (self._rates(q, names[k], names[k + 2]) for k in (2, 3))
-            most, least = septic_extremes(self.times, steps, (x, s0, c0, j0), (x1, s1, c1, j1), (high, low))
+            ends, higher = ((x, s0, c0, j0), (x1, s1, c1, j1)), partial(self._higher_rates, q, names)
+            most, least = septic_extremes(self.times, steps, *ends, (high, low), higher, bounds=True)
             up = fold(where(steps, most, where(points, x, -far)), maximum)
             down = -fold(where(steps, -least, where(points, -x, -far)), maximum)
             sized = self.number("sized", q) > 0.5

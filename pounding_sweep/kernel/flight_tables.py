@@ -6,7 +6,7 @@ kernel; what is watched, and its extremes in windows or blocks, follow side by s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 from itertools import groupby
 from operator import or_
@@ -163,47 +163,49 @@ class Tables(_Filler):
         """Return what mode m adds to what is watched."""
         return self.flight.vector(name, m * self.layout.wide_watched + part * self.lanes)
 
-    def _watched_at(self, t: Any, part: int) -> list[Any]:
-        """Find what is watched at point t and three rates, times the step; the rise of the ground is apart."""
+    def _watched_at(self, t: Any, part: int, first: int = 0, count: int = 4) -> list[Any]:
+        """Find what is watched at point t, and its rates times powers of the step, from the `first` on.
+
+        What the rise of the ground adds to them is apart.
+        """
         f, ground = self.flight, self.narrow(self._ground(t))
-        sums = [f.times.cell(0.0) for _ in range(4)]
+        sums = [f.times.cell(0.0) for _ in range(count)]
         kinds = {quantity.kind for quantity in self.layout.watched[part * self.lanes : (part + 1) * self.lanes]}
         h, per, shaken = f.number("step"), f.number("inverse"), f.part("shaken", part) > 0.5
-        for m in f.indices(self.modes, 4):
+        for m in count_to(self.modes) if first else f.indices(self.modes, 4):
             q, p = (f.number(name, t * self.layout.wide_modes + m) for name in "qp")
             stiff, damped, push = (f.number(name, m) for name in ("square", "damping", "push"))
-            rate = h * p
-            total = -(stiff * q + damped * rate)
-            second = total - push * ground
-            third = -(stiff * rate + damped * second)
-            fourth = -(stiff * second + damped * third)
-            values: list[Any] = [q, rate, second, third]
+            total = -(stiff * q + damped * (h * p))
+            rates: list[Any] = [q, h * p, total - push * ground]
+            while len(rates) < first + count + 2:
+                rates.append(-(stiff * rates[-2] + damped * rates[-1]))
+            values = rates[first : first + count]
             if f.coupled:
-                for value, cell in zip((rate, second, third, fourth), sums, strict=True):
+                for value, cell in zip(rates[first + 1 :], sums, strict=False):
                     cell.now = fma(self._across("across_rate", m, part), value, cell.now)
             elif ACCELERATION in kinds:
-                shake = [term * per for term in (total, third, fourth, -(stiff * third + damped * fourth))]
-                for k, x in enumerate(shake):
-                    values[k] = where(shaken, x, f.times.full(values[k])) if len(kinds) > 1 else x
+                for k, rate in enumerate(rates[first + 2 : first + count + 2]):
+                    shake = per * (rate if first + k else total)
+                    values[k] = where(shaken, shake, f.times.full(values[k])) if len(kinds) > 1 else shake
             for value, cell in zip(values, sums, strict=True):
                 cell.now = fma(self._across("across", m, part), value, cell.now)
         return [cell.now for cell in sums]
 
     def _pushed(self, part: int) -> list[Any]:
-        """How much of the ground's rise in a step the second and the third rate of what is watched take off."""
-        f, sums = self.flight, [Cell(self.flight.times.full(0.0)) for _ in range(2)]
+        """How much of the ground's rise in a step the second to the fifth rate of what is watched take off."""
+        f, sums = self.flight, [Cell(self.flight.times.full(0.0)) for _ in range(4)]
         per, shaken, full = f.number("inverse"), f.part("shaken", part) > 0.5, f.times.full
         for m in f.indices(self.modes):
             weight = self._across("across", m, part)
             stiff, damped, push = (f.number(name, m) for name in ("square", "damping", "push"))
-            if f.coupled:
-                rates = self._across("across_rate", m, part)
-                terms = [(rates, push), (weight - damped * rates, push)]
-            else:
-                lift, lift5 = -damped * push * per, (damped * damped - stiff) * push * per
-                terms = [(weight, where(shaken, full(x), full(y))) for x, y in ((lift, 0.0), (lift5, push))]
-            for cell, (share, x) in zip(sums, terms, strict=True):
-                cell.now = fma(share, x, cell.now)
+            rates = [0.0 * push, push]
+            while len(rates) < 6:
+                rates.append(-(stiff * rates[-2] + damped * rates[-1]))
+            for k, cell in enumerate(sums):
+                if f.coupled:
+                    cell.now = fma(self._across("across_rate", m, part), rates[k + 1], cell.now)
+                x = full(rates[k]) if f.coupled else where(shaken, full(per * rates[k + 2]), full(rates[k]))
+                cell.now = fma(weight, x, cell.now)
         return [cell.now for cell in sums]
 
     def _follow(self, part: int) -> None:
@@ -218,9 +220,15 @@ class Tables(_Filler):
             now = self._watched_at(k + 1, part)
             (x0, s0, c0, j0), (x1, s1, c1, j1) = [cell.now for cell in before], now
             rise = self.narrow(self._ground(k + 1) - self._ground(k))
-            c, j = (share * rise for share in pushed)
+            c, j, *more = (share * rise for share in pushed)
             start, end = (x0, s0, c0 - c, j0 - j), (x1, s1, c1 - c, j1 - j)
-            above, below = septic_extremes(f.times, f.times.full(True), start, end)
+
+            def higher(k: Any = k, more: Sequence[Any] = more) -> list[tuple[Any, Any]]:
+                early, late = (self._watched_at(t, part, 4, 2) for t in (k, k + 1))
+                return [(x - less, y - less) for x, y, less in zip(early, late, more, strict=True)]
+
+            so_far = peak.now, trough.now
+            above, below = septic_extremes(f.times, f.times.full(True), start, end, so_far, higher)
             peak.now, trough.now = maximum(peak.now, above), minimum(trough.now, below)
             for name, extreme in (("widest", above), ("widest_least", below)):
                 self._put(name, k, part, extreme)

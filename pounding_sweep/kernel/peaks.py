@@ -14,7 +14,7 @@ from pounding_sweep.kernel import bouc_wen, forces
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.roots import Series, course, cubic, turn
 from pounding_sweep.kernel.row import add_forces, put_accelerations
-from pounding_sweep.lanes import Cell, any_lane, count_to, maximum, minimum, size, sqrt, when, when_any, where
+from pounding_sweep.lanes import Cell, any_lane, count_to, fma, maximum, minimum, size, sqrt, when, when_any, where
 
 #: Most that a cubic leaves its ends by, in its rates there times the step.
 REACH = 4.0 / 27.0
@@ -22,6 +22,8 @@ REACH = 4.0 / 27.0
 PARTS = 16
 #: Share of the largest acceleration so far from which on a cubic's peak beside a closed contact is looked at.
 NEARLY = 0.9
+#: Shares of the fourth and fifth rates in powers of a step.
+SHARES = (1.0 / 24.0, 1.0 / 120.0)
 #: Rate that a motion at rest is given, over that at the end of its step: next to nothing.
 LEAVES = 2.0**-30
 
@@ -47,11 +49,20 @@ def cubic_turns(curve: Series) -> tuple[Any, Any]:
 
 
 def septic_extremes(
-    group: Group, lanes: Any, start: Sequence[Any], end: Sequence[Any], bounds: tuple[Any, Any] | None = None
+    group: Group,
+    lanes: Any,
+    start: Sequence[Any],
+    end: Sequence[Any],
+    so_far: tuple[Any, Any],
+    higher: Callable[[], Sequence[tuple[Any, Any]]],
+    *,
+    bounds: bool = False,
 ) -> tuple[Any, Any]:
     """Largest and least values, in lanes, of the polynomial with value and three rates (by powers of the step) at ends.
 
-    Where it may turn more than once, those beyond `bounds`, if they are given.
+    Those that go beyond the largest and least value `so_far` are of the polynomial that has the fourth and fifth rates
+    too: `higher` gives these at the start and the end. Where it may turn more than once, only those beyond are looked
+    for, if these are `bounds`.
     """
     (x0, at_start, c0, j0), (x1, s1, c1, j1) = start, end
     # at rest as if the motion turned, so that one is seen that goes and comes back
@@ -66,7 +77,7 @@ def septic_extremes(
         changed = changed | (span * s0 < 0.0)
     once, again = lanes & (s0 * s1 < 0.0), Cell(lanes & back)
     above, below = Cell(maximum(x0, x1)), Cell(minimum(x0, x1))
-    high, low = bounds or (None, None)
+    high, low = so_far
     for _ in when(any_lane(again.now)) if bounds else ():
         x, most, least = x0, above.now, below.now
         for span in spans:
@@ -88,7 +99,17 @@ def septic_extremes(
         b6 = 70.0 * r - 34.0 * r1 + 6.5 * r2 - 0.5 * r3
         b7 = -20.0 * r + 10.0 * r1 - 2.0 * r2 + (1.0 / 6.0) * r3
         curve = Series.of(x0, at_start, c, j, b4, b5, b6, b7)
-        take(once, curve.value(turn(group, once, 2, curve.rate.with_slope, (0.0, 1.0), (s0, s1))))
+        t = turn(group, once, 2, curve.rate.with_slope, (0.0, 1.0), (s0, s1))
+        x = Cell(curve.value(t))
+        for _ in when(any_lane(once & ((x.now > high) | (x.now < low)))):
+            (d0, d1), (e0, e1) = (
+                (share * early, share * late) for share, (early, late) in zip(SHARES, higher(), strict=True)
+            )
+            r0, r1 = d0 - b4, d1 - (b4 + 5.0 * b5 + 15.0 * b6 + 35.0 * b7)
+            rest = cubic(r0, r1, e0 - b5 + 4.0 * r0, e1 - (b5 + 6.0 * b6 + 21.0 * b7) - 4.0 * r1)
+            square = t * (1.0 - t) * t * (1.0 - t)
+            x.now = fma(square * square, rest.value(t), x.now)
+        take(once, x.now)
         for _ in when(any_lane(again.now)):
             t, x, s = group.cell(0.0), Cell(x0), Cell((1.0 / PARTS) * at_start)
             for _ in count_to(PARTS):
