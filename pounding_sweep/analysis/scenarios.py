@@ -25,6 +25,9 @@ IGNORED = tuple(dim for column in ("gap", "stiffness", "restitution") for dim in
 _CASE_KEYS = ("record", "scale", *BUILDING_DEFAULTS)
 #: What is below this share of the largest of its kind is rounding, and no divisor of a ratio.
 ROUND_OFF = 1e-9
+#: Arguments of comparisons that are numbers, and where they must lie.
+INTERVALS = dict.fromkeys(("probabilities", "curve", "confidence"), "(0, 1)")
+INTERVALS |= {"quantiles": "[0, 1]"} | dict.fromkeys(("years", "levels"), "(0, inf)")
 #: Dimensions of what is of no scenario alone: the audit of a cube, and histories.
 OTHER_DIMS = (*AUDIT_DIMS, "time")
 #: What tells that floors touched, the surest first; above zero in a scenario that did.

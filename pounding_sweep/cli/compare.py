@@ -9,16 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.analysis.comparisons import (
-    COMPARISONS,
-    EVENTS,
-    INTERVALS,
-    MOTION_DIMS,
-    Row,
-    compared,
-    get_event,
-    table_rows,
-)
+from pounding_sweep.analysis.comparisons import COMPARISONS, EVENTS, MOTION_DIMS, Row, compared, get_event, table_rows
 from pounding_sweep.base.errors import InputError, check_choice
 from pounding_sweep.base.text import finite, number_text, print_json, print_pairs, print_table, terminal_width
 from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, axis_values, command, flag, option, output, say
@@ -85,7 +76,7 @@ class CompareOptions:
         from pounding_sweep.analysis.comparisons.gaps import read_factors
         from pounding_sweep.analysis.hazard import hazard_of
         from pounding_sweep.analysis.rebuild import check_intensity
-        from pounding_sweep.analysis.scenarios import numbers_in
+        from pounding_sweep.analysis.scenarios import INTERVALS, numbers_in
         from pounding_sweep.output.netcdf import check_output
 
         keys = list(dict.fromkeys(self.what or COMPARISONS))

@@ -220,9 +220,12 @@ def _cases(one: xr.Dataset, spectra: xr.DataArray) -> dict[str, list[_Case]]:
     shear = shear.isel(storey=-1) / shear.isel(storey=-2)
     sheared = shear.sel(law=_POUNDING)
     shears = {"pounding": float(sheared.max()), "above": int((sheared > 1.0).sum()), "scenarios": sheared.size}
-    linear, softer, damped = (
-        _force_ratio(one, *laws) for laws in ((_LINEAR, _LINEAR), (_NONLINEAR, _LINEAR), (_DAMPED, ["hertz"]))
-    )
+    ratios = []  # of peak forces, at the floors at which all of these laws touch
+    for laws in ((_LINEAR, _LINEAR), (_NONLINEAR, _LINEAR), (_DAMPED, ["hertz"])):
+        top, bottom = (one["impact_force_max"].sel(law=keys) for keys in laws)
+        touching = (top > 0).all("law") & (bottom > 0).all("law")
+        ratios.append(top.max("law").where(touching) / bottom.min("law"))
+    linear, softer, damped = ratios
     count = one["impact_count"].sel(law=_LINEAR)
     most = count.max("law")
     span = (most - count.min("law")).where(most > 0)
@@ -245,13 +248,6 @@ def _cases(one: xr.Dataset, spectra: xr.DataArray) -> dict[str, list[_Case]]:
             (growth_of_width, growth_of_width >= LIMITS["spread_factor"], {}),
         ],
     }
-
-
-def _force_ratio(one: xr.Dataset, above: list[str], below: list[str]) -> xr.DataArray:
-    """Largest peak force of some laws over the smallest of others, at the floors at which all of them touch."""
-    top, bottom = (one["impact_force_max"].sel(law=laws) for laws in (above, below))
-    touching = (top > 0).all("law") & (bottom > 0).all("law")
-    return top.max("law").where(touching) / bottom.min("law")
 
 
 def spread(spectra: xr.DataArray) -> xr.DataArray:

@@ -173,24 +173,6 @@ COMPARISONS: dict[str, Comparison] = {
 }
 
 
-#: Arguments of comparisons that are numbers, and where they must lie.
-INTERVALS = {"quantiles": "[0, 1]", "probabilities": "(0, 1)", "curve": "(0, 1)", "confidence": "(0, 1)"} | {
-    "years": "(0, inf)",
-    "levels": "(0, inf)",
-}
-
-
-def _as_annotated(value: Any, kind: str, name: str) -> Any:
-    """Return an argument as its annotation has it: a name as a list of it, numbers in their interval, "1%" as 0.01."""
-    from pounding_sweep.analysis.scenarios import numbers_in
-
-    if value is None or name not in INTERVALS:
-        return [value] if isinstance(value, str) and "[str]" in kind else value
-    single = kind.startswith("float")
-    numbers = numbers_in(INTERVALS[name], [value] if single else value, name).tolist()
-    return numbers[0] if single else numbers
-
-
 def comparison(key: str) -> Callable[[Function], Function]:
     """Make a function of a cube a comparison.
 
@@ -207,12 +189,17 @@ def comparison(key: str) -> Callable[[Function], Function]:
         def make(*args: Any, **kwargs: Any) -> xr.Dataset:
             import xarray as xr
 
-            from pounding_sweep.analysis.scenarios import COMPARISON, OTHER_DIMS, fell
+            from pounding_sweep.analysis.scenarios import COMPARISON, INTERVALS, OTHER_DIMS, fell, numbers_in
             from pounding_sweep.output.netcdf import with_texts
 
             bound = parameters.bind(*args, **kwargs)
             for name, value in bound.arguments.items():
-                bound.arguments[name] = _as_annotated(value, kinds[name], name)
+                single = kinds[name].startswith("float")
+                if name in INTERVALS and value is not None:  # "1%" is 0.01
+                    numbers = numbers_in(INTERVALS[name], [value] if single else value, name).tolist()
+                    bound.arguments[name] = numbers[0] if single else numbers
+                elif isinstance(value, str) and "[str]" in kinds[name]:
+                    bound.arguments[name] = [value]
             name, cube = next(iter(bound.arguments.items()))
             attributes = {COMPARISON: key}
             if isinstance(cube, xr.Dataset):

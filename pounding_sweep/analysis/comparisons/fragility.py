@@ -347,11 +347,8 @@ def fragility(
 
     Notes
     -----
-    Intervals of median, dispersion and probabilities are fractiles of one set of curves, by how plausible they make the
-    intensities between which each record begins to be one of the event (see `plausible_curves`): the posterior under a
-    prior that is flat in the logarithms of both, which for records of known capacity is the exact interval of Student
-    and chi-square. So they agree, and bands rise. They are missing of one record, and where so many records go back
-    and forth that they do not hold the fit.
+    Intervals are missing of one record, and where so many records go back and forth that they do not hold the fit; how
+    they are had: "Fragility" in ``docs/comparisons.md``.
 
     Examples
     --------

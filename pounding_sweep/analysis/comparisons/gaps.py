@@ -228,9 +228,7 @@ def required_gap(
     -----
     The exact gap of a pair holds only where every pair of the row has at least its own: once another pair pounds, this
     one may touch at a larger gap. The gap of a pair must be that of all its labels ("a-b columns of b"), whatever the
-    row's ``contacts``. A struck point moves by N1 u_below + N2 u_above (see
-    `pounding_sweep.model.meeting.column_shares`); the rules take its largest displacement from those of its floors in
-    the same shares.
+    row's ``contacts``.
 
     Examples
     --------

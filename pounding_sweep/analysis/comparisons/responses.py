@@ -474,19 +474,14 @@ def incremental(
     xarray.Dataset
         Each output on the cube's axes in its own units, beside the coordinate ``intensity`` (record, scale); and
         ``<output>_fractiles`` on ``quantile`` and ``level`` instead of record and scale, with ``<output>_count``, how
-        many of the ``curves`` (attribute) have a value there: linear between the two nearest scales, missing outside
-        their range and next to a scenario that is not ok. Fractiles are missing where fewer than half have one. Where
-        storeys may fall, ``collapse_share`` by building and level.
+        many of the ``curves`` (attribute; two of a record with scales of both signs) have a value there: linear between
+        the two nearest scales, missing outside their range and next to a scenario that is not ok. Fractiles are missing
+        where fewer than half have one. Where storeys may fall, ``collapse_share`` by building and level.
 
     Raises
     ------
     InputError
         The cube has fewer than two scales, or not the outputs; a level or quantile is not valid.
-
-    Notes
-    -----
-    A record at negative scales is that record reversed, another ground motion: where the cube has scales of both signs,
-    each record is two curves, and both count in the fractiles.
 
     Examples
     --------
@@ -521,12 +516,12 @@ def incremental(
     result: dict[str, xr.DataArray] = {}
     for name in names:
         result[name] = values(cube, name).transpose("record", ..., scaled)
-        fractile, count = suite_fractiles(result[name], strength, level, quantiles)
+        fractile, count = fractiles_over(on_levels(result[name], strength, level), ["curve"], quantiles)
         result[f"{name}_fractiles"] = fractile.where(count >= 0.5 * len(ends)).assign_attrs(fractile.attrs)
         result[f"{name}_count"] = described(count, "1", f"curves that the fractiles of {name} are of")
     if "collapsed_storey" in cube:
         fallen = exceeds(cube, "the share of falls", "collapsed_storey", None)
-        share = _on_levels(fallen.where(fallen == 0.0, np.inf).where(fallen.notnull()), strength, level)
+        share = on_levels(fallen.where(fallen == 0.0, np.inf).where(fallen.notnull()), strength, level)
         share = (share > 0.0).where(share.notnull()).mean("curve")
         result["collapse_share"] = described(share, "1", "share of the curves in which the building has fallen")
     over = over_text({"record": len(x), "direction": len(ways)})
@@ -539,15 +534,8 @@ def incremental(
     return xr.Dataset(result, attrs=about).assign_coords(intensity=strength)
 
 
-def suite_fractiles(
-    response: xr.DataArray, strength: xr.DataArray, level: xr.DataArray, quantiles: Sequence[float]
-) -> tuple[xr.DataArray, xr.DataArray]:
-    """Return fractiles of a response at levels of intensity, over records and directions, and counts of the curves."""
-    return fractiles_over(_on_levels(response, strength, level), ["curve"], quantiles)
-
-
-def _on_levels(response: xr.DataArray, strength: xr.DataArray, level: xr.DataArray) -> xr.DataArray:
-    """Return curves of a response at levels of intensity: linear between their scales, missing outside them.
+def on_levels(response: xr.DataArray, strength: xr.DataArray, level: xr.DataArray) -> xr.DataArray:
+    """Return ``curve``s of a response by record and direction, linear between their scales, missing outside them.
 
     The strength is the intensity by record and scale.
     """

@@ -24,11 +24,10 @@ def gaps_of_stripes(
 ) -> tuple[dict[str, xr.DataArray], dict[str, xr.DataArray]]:
     """Return what is known of gaps, and annual rates of touching and gaps for some, with ends along ``number``.
 
-    A lognormal against the intensity is fitted for each gap, all with one dispersion, and convolved with the hazard; a
-    building that fell counts as touching. ``rate`` is along ``gap_number``, missing where more than half of it stems
-    from intensities that were not run, ``beyond``; ``gap_in_years`` along ``probability`` is interpolated between these
-    gaps, else it is missing and ``more_than`` or ``less_than`` is the last known gap. ``row_gap`` are the gaps (m).
-    `strength` are the intensities, `motions` arguments of `fragility` that say which, and the confidence.
+    A lognormal against the intensity is fitted for each gap, all with one dispersion, and convolved with the hazard.
+    ``rate`` is along ``gap_number``, ``gap_in_years`` along ``probability``, with ``more_than`` or ``less_than`` beside
+    it; ``row_gap`` are the gaps (m). `strength` are the intensities, `motions` arguments of `fragility` that say which,
+    and the confidence. See "With a hazard curve" in ``docs/comparisons.md``.
     """
     what = "a gap for a probability of a row that yields"
     check_needs(cube, what, several=["gap"], laws=1)

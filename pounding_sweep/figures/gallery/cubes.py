@@ -33,10 +33,10 @@ from pounding_sweep.analysis.comparisons.responses import RESPONSES as AMPLIFIED
 from pounding_sweep.analysis.comparisons.responses import (
     directions,
     needed_for,
+    on_levels,
     responses_of,
-    suite_fractiles,
 )
-from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES, long_name, pounding_only
+from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES, fractiles_over, long_name, pounding_only
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import CONTACT, FIRST_STOREY, LABELS, NO_CONTACT, SALTELLI, TWO_AXES, figure_of
 from pounding_sweep.figures.select import (
@@ -710,7 +710,8 @@ def incremental(cube: xr.Dataset, *, value: str | None = None, turn: bool = Fals
     laws, others = _first_laws(result, contact=per == "pair")
     response = factor * _over_storeys(result[name].sel(law=laws))
     quantiles, ways = result["quantile"].values.tolist(), directions(result[scaled].values)
-    fractiles, count = suite_fractiles(response, result["intensity"], result["level"], quantiles)
+    suite = on_levels(response, result["intensity"], result["level"])
+    fractiles, count = fractiles_over(suite, ["curve"], quantiles)
     curves, most = response.sizes["record"] * len(ways), int(count.max())
     # half of the curves, and so many that one is expected beyond the fractile
     needed = {q: max(0.5 * curves, 1.0 / (round(min(q, 1.0 - q), 9) or 1.0)) for q in quantiles}
