@@ -31,13 +31,6 @@ def write(folder, text, name="s.toml"):
     return path
 
 
-@pytest.mark.parametrize("line", ["{} = 1", "[{}]", "x = {{ {} = 1 }}"])
-def test_long_keys_are_refused_before_they_are_parsed(tmp_path, line):
-    """The parser takes the square of their parts in time and memory: 60 kB would take gigabytes."""
-    text = f"{SWEEP}{line.format(' . '.join(['a'] * 30_000))}\n"
-    assert "a key of more than 20 parts; those of sweep files have six at most" in refused(tmp_path, text)
-
-
 def refused(folder, text):
     with pytest.raises(SweepError) as caught:
         load_spec(write(folder, text))

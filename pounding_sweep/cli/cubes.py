@@ -269,10 +269,10 @@ def _limit_state(text: str) -> tuple[str, tuple[str, str | None]]:
 def merge_command(
     cubes: list[Path] = argument("A.nc B.nc ...", "Cubes of one study.", default=...),
     out: Path = output("ALL.nc", "netCDF file for the whole cube.", default=...),
-    tolerance: float | None = option(
+    tolerance: float = option(
         "RATIO",
-        "Difference of two results of a scenario, relative to the variable's largest value in it, that is no "
-        "conflict; 1e-6 by default.",
+        "Difference of two results of a scenario, relative to the variable's largest value in it, that is no conflict.",
+        default=1e-6,
     ),
     mix_sources: bool = flag(
         "--mix-sources",
@@ -282,10 +282,9 @@ def merge_command(
     overwrite: Overwrite = False,
 ) -> None:
     """Put cubes of one study together: same scene, numerics and outputs, other values on the axes or other cases."""
-    from pounding_sweep.output.merge import TOLERANCE, merge_cubes
+    from pounding_sweep.output.merge import merge_cubes
 
-    limit = TOLERANCE if tolerance is None else tolerance
-    merged = merge_cubes(cubes, out, overwrite=overwrite, tolerance=limit, mix_sources=mix_sources)
+    merged = merge_cubes(cubes, out, overwrite=overwrite, tolerance=tolerance, mix_sources=mix_sources)
     overlap = f"{merged.scenarios}, {merged.overlapping} of them in several cubes"
     rows = [("cubes", str(len(cubes))), ("scenarios", overlap)]
     if merged.missing:

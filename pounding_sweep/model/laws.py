@@ -609,7 +609,7 @@ def realised_validity(law: Law) -> str:
 
 def _check_realisable(law: Law, e: float) -> None:
     """Raise `LawError` unless some finite damping makes two free masses rebound at exactly `e`."""
-    if not law.takes_restitution or law.impulsive:
+    if law.impulsive:
         return
     smallest = RELATIONS[law.relation].smallest if law.relation else math.inf
     if not smallest <= e <= 1.0:

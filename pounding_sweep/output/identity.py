@@ -119,6 +119,7 @@ def installed() -> dict[str, str]:
     return {VERSION_ATTRIBUTE: package_version(), SOURCE_ATTRIBUTE: package_digest(), **versions}
 
 
+@cache
 def libraries() -> str:
     """Name those libraries, with their versions."""
     return ", ".join(f"{name} {version}" for name, version in library_versions().items())

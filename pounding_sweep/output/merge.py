@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -32,7 +31,8 @@ from pounding_sweep.output.dataset import (
     unfilled,
 )
 from pounding_sweep.output.netcdf import Slab, check_output, check_space, open_cube, reading, write_in_slabs
-from pounding_sweep.output.scenario_rows import BUILDING_DEFAULTS, cube_columns, number_runs, scenario_keys
+from pounding_sweep.output.results import number_runs
+from pounding_sweep.output.scenario_rows import BUILDING_DEFAULTS, cube_columns, scenario_keys
 from pounding_sweep.request.design import BLOCK, SAMPLE
 from pounding_sweep.variables.registry import INNER_DIMS, NEVER_TOUCHES, NOT_RUN, VARIABLES, Status
 
@@ -176,11 +176,15 @@ def merge_cubes(
         check_space(target.parent, n_bytes, f"the cube of {result.scenarios:,} scenarios")
         _merge_audits(cube, parts)
         everything = tuple(slice(0, size) for size in sizes)
-        runs = _merge_slab(_with_equal_runs(parts, sweeps), axes, labels, tolerance, Merged(target, 0), {}, everything)
-        origins = dict(zip(_OF_CUBE, number_runs(runs["origin"], runs["run"]), strict=True))
+        runs = _merge_slab(_with_equal_runs(parts, sweeps), axes, labels, tolerance, Merged(target, 0), everything)
+        origin, run = number_runs(runs["origin"], runs["run"])
         parts = {file: part.drop_vars(_OF_CUBE) for file, part in parts.items()}
-        slab_of = partial(_merge_slab, parts, axes, labels, tolerance, result, origins)
-        write_in_slabs(cube, target, slab_of, overwrite=overwrite)
+
+        def values_of(slab: Slab) -> dict[str, np.ndarray]:
+            values = _merge_slab(parts, axes, labels, tolerance, result, slab)
+            return values | {"origin": origin[slab], "run": run[slab]}
+
+        write_in_slabs(cube, target, values_of, overwrite=overwrite)
     return result
 
 
@@ -409,7 +413,6 @@ def _merge_slab(
     labels: Mapping[str, xr.Variable],
     tolerance: float,
     result: Merged,
-    of_cube: Mapping[str, np.ndarray],
     slab: Slab,
 ) -> dict[str, np.ndarray]:
     """Return the values of all parts in a slab as they are stored; raises `InputError` if some are in conflict."""
@@ -452,7 +455,7 @@ def _merge_slab(
     missing = np.argwhere(origin < 0)
     result.missing += len(missing)
     result.named += map(name_of, missing[: NAMED - len(result.named)].tolist())
-    return values | {name: array[slab] for name, array in of_cube.items()}
+    return values
 
 
 def _with_equal_runs(parts: Parts, sweeps: Sweeps) -> Parts:

@@ -14,7 +14,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import OutputError, WriteError
 from pounding_sweep.model.scene import Scene
-from pounding_sweep.variables.registry import Status, get_variable, inner_shape
+from pounding_sweep.variables.registry import COPY, NOT_RUN, Status, get_variable, inner_shape
 
 #: Outputs whose largest values plausibility checks look at after a run.
 LARGEST = ("drift_max", "penetration_max")
@@ -31,6 +31,17 @@ def to_table(values: Mapping[str, np.ndarray], scene: Scene) -> np.ndarray:
     for name, column in values.items():
         table[name] = column
     return table
+
+
+def number_runs(origin: np.ndarray, run: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return ``origin`` and ``run`` of scenarios, by what tells runs apart: numbers from 1, the first is no copy."""
+    origin, numbers = origin.copy(), np.zeros(run.shape, np.int32)
+    answered, ran = (np.flatnonzero(origin != NOT_RUN), np.flatnonzero(origin <= COPY))
+    _, first, index = np.unique(run.flat[answered], return_index=True, return_inverse=True)
+    numbers.flat[answered] = 1 + np.argsort(np.argsort(first))[index]
+    origin.flat[ran] = COPY
+    origin.flat[ran[np.unique(run.flat[ran], return_index=True)[1]]] = 0
+    return origin, numbers
 
 
 class Results:

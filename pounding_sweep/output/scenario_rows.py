@@ -14,7 +14,7 @@ from pounding_sweep.output.dataset import as_stored
 from pounding_sweep.output.netcdf import reading
 from pounding_sweep.request.axes import axes_of
 from pounding_sweep.request.spec import laws_of, scene_of
-from pounding_sweep.variables.registry import COPY, NOT_RUN, VARIABLES
+from pounding_sweep.variables.registry import VARIABLES
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -60,17 +60,6 @@ def places_of(wanted: np.ndarray, rising: np.ndarray) -> np.ndarray:
     """Return where keys stand among rising ones; -1 where they don't."""
     places = np.searchsorted(rising, wanted).clip(max=len(rising) - 1)
     return np.where(rising[places] == wanted, places, -1)
-
-
-def number_runs(origin: np.ndarray, run: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``origin`` and ``run`` of scenarios, by what tells runs apart: numbers from 1, the first is no copy."""
-    origin, numbers = origin.copy(), np.zeros(run.shape, np.int32)
-    answered, ran = (np.flatnonzero(origin != NOT_RUN), np.flatnonzero(origin <= COPY))
-    _, first, index = np.unique(run.flat[answered], return_index=True, return_inverse=True)
-    numbers.flat[answered] = 1 + np.argsort(np.argsort(first))[index]
-    origin.flat[ran] = COPY
-    origin.flat[ran[np.unique(run.flat[ran], return_index=True)[1]]] = 0
-    return origin, numbers
 
 
 def planned_columns(plan: Plan, rows: np.ndarray) -> dict[str, np.ndarray]:

@@ -60,10 +60,6 @@ def sweep_file_hint(path: str) -> str:
 
 #: Larger sweep files are refused: tens of thousands of listed cases have a few MiB.
 MAX_FILE_BYTES = 64 * 2**20
-#: Longer dotted keys are refused, those of sweep files have six parts: the parser takes the square of them in time.
-MAX_DEPTH = 20
-_PART = r"""(?:[A-Za-z0-9_-]+|"(?:\\.|[^"\\\n])*"|'[^'\n]*')"""
-_LONG_KEY = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*\.[ \t]*{_PART}){{{MAX_DEPTH}}}")
 #: A backslash in a text of double quotes, as in paths of Windows.
 _BACKSLASH = re.compile(r'"[^"\n]*\\')
 
@@ -197,11 +193,6 @@ def load_spec(
         why = getattr(error, "strerror", None) or error
         raise sweep_error([f"{name}: the sweep file can't be read: {why}{hint}"]) from None
     try:
-        if long := _LONG_KEY.search(text):
-            number = text.count("\n", 0, long.start()) + 1
-            raise ValueError(
-                f"line {number}: a key of more than {MAX_DEPTH} parts; those of sweep files have six at most"
-            )
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise syntax_error(name, text, error) from None

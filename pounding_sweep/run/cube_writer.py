@@ -10,7 +10,7 @@ import numpy as np
 from pounding_sweep.output.dataset import CubeParts, as_read, label, unfilled
 from pounding_sweep.output.labels import global_attributes, scenario_axes
 from pounding_sweep.output.netcdf import Slab
-from pounding_sweep.output.scenario_rows import number_runs
+from pounding_sweep.output.results import number_runs
 from pounding_sweep.resume import parts_folder
 from pounding_sweep.run.audit import Audit, add_to_cube
 from pounding_sweep.variables.registry import NEVER_TOUCHES, NOT_RUN, Status, inner_shape, mask_invalid

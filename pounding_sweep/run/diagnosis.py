@@ -158,7 +158,7 @@ def free_memory(root: Path = Path("/")) -> FreeMemory:
 
 
 def check_memory(scenarios: int, bytes_of_one: int, what: str, remedy: str) -> None:
-    """Raise `SweepError` where `scenarios` times `bytes_each` are more than this process may still take."""
+    """Raise `SweepError` where `scenarios` times `bytes_of_one` are more than this process may still take."""
     free = free_memory()
     if scenarios * bytes_of_one > free.bytes:
         raise SweepError(

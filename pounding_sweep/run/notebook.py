@@ -8,12 +8,6 @@ import time
 from pounding_sweep.run.execute import STAGES, Progress
 
 
-def default_progress() -> Progress:
-    """Return a display for the notebook that this process runs; a silent one elsewhere."""
-    ipython = sys.modules.get("IPython")
-    return NotebookProgress() if ipython and hasattr(ipython.get_ipython(), "kernel") else Progress()
-
-
 class NotebookProgress(Progress):
     """Stage, done and total, as a bar that the end of the run removes."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import sys
 import warnings
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -243,9 +244,13 @@ class Sweep:
         ``pounding_sweep.output.netcdf.NETCDF_LOCK``, and wait for nothing that dask computes in threads meanwhile.
         """
         from pounding_sweep.output.netcdf import open_cube
-        from pounding_sweep.run.notebook import default_progress
 
-        cube = self.make_cube(out, scheduler, workers, overwrite, progress or default_progress(), extend, check)
+        ipython = sys.modules.get("IPython")
+        if progress is None and ipython and hasattr(ipython.get_ipython(), "kernel"):  # of a notebook
+            from pounding_sweep.run.notebook import NotebookProgress
+
+            progress = NotebookProgress()
+        cube = self.make_cube(out, scheduler, workers, overwrite, progress, extend, check)
         return cube.to_dataset() if out is None else open_cube(out)
 
     def make_cube(
