@@ -20,7 +20,8 @@ MODULES = [
 #: Those whose examples run kernels.
 RUN = {
     *("accuracy.certificate", "accuracy.tradeoff", "analysis.spectra", "figures", "figures.gallery.scenario"),
-    *("output.audited", "output.describe", "output.merge", "output.netcdf", "run.simulate"),
+    *("output.audited", "output.describe", "output.merge", "output.netcdf", "pages.view"),
+    "run.simulate",
 }
 
 

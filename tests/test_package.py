@@ -35,6 +35,7 @@ DATA = {
     "data/measured.json",
     *(f"pages/{name}.html.j2" for name in ("base", "macros")),
     "paper/report.html.j2",
+    *(f"pages/view.{ending}" for ending in ("html.j2", "css", "js")),
 }
 
 

@@ -40,6 +40,7 @@ CALLS = {
     "Sweep.run": "(self, out=None, *, scheduler='threads', workers=None, overwrite=False, progress=None, extend=None)",
     "load_sweep": "(path, *, skip_missing_records=False, folders=None)",
     "open_cube": "(path)",
+    "view": "(cube, out=None, *, at=None, names=None)",
     "tradeoff": "(sweep, *, steps=(0.005, 0.0025, 0.001, 0.0005, 0.00025))",
 }
 
@@ -50,6 +51,7 @@ COMMANDS = {
     "info": "cube --json",
     "plot": "cube kind -o --output --at --x --y --value --contours --turn --names --event --level --start --end --dpi "
     "--list",
+    "view": "cube -o --output --at --var",
     "export": "cube -o --output --var --at --overwrite",
     "merge": "cubes -o --output --tolerance --overwrite",
     "compare": "cube --what -o --output --reference --event --level --records --json",

@@ -180,6 +180,21 @@ def _print_figures(dataset: xr.Dataset) -> None:
         print_table(["not possible", "lacks"], others)
 
 
+@command("view")
+def view_command(
+    cube: CubeFile,
+    out: Path | None = output("FILE.html", "Page to write, replaced if it exists; CUBE.html here by default."),
+    names: list[str] | None = option("NAME", "Only this variable; repeat for several.", "--var"),
+    at: At = None,
+) -> None:
+    """Write a page of a cube for any browser: sliders, lines, maps, the row, and each scenario with its command."""
+    from pounding_sweep.output.netcdf import open_cube
+    from pounding_sweep.pages.view import view
+
+    with open_cube(cube) as dataset:
+        print(view(dataset, out, at=app.axis_values(at), names=names))
+
+
 @command("export")
 def export_command(
     cube: CubeFile,
