@@ -17,7 +17,7 @@ from scipy.linalg import block_diag
 import pounding_sweep as ps
 from pounding_sweep.model.laws import damping_number
 
-sys.path.append(str(Path(__file__).parents[1] / "tests"))  # the slow twin lives there
+sys.path.append(str(Path(__file__).parents[1] / "tests"))  # the reference solver lives there
 
 #: Step (s) of the engine, tolerance of heyoka.
 STEP, TOLERANCE = 2e-4, 1e-15
@@ -188,10 +188,10 @@ def by_engine(case: Case) -> dict[str, np.ndarray]:
     return result
 
 
-def by_twin(case: Case) -> dict[str, np.ndarray]:
-    """Return the same by the slow twin of the tests: scipy's DOP853 at 1e-12, events by root search."""
-    import naive
-    from against_twin import twins
+def by_reference(case: Case) -> dict[str, np.ndarray]:
+    """Return the same by the reference solver of the tests: scipy's DOP853 at 1e-12, events by root search."""
+    import reference
+    from against_reference import buildings_of
 
     scene, record = case.scene, case.record
     ends = [floors for link in scene.links for floors in link.floors]
@@ -200,8 +200,8 @@ def by_twin(case: Case) -> dict[str, np.ndarray]:
         for x, (_, right) in zip(scene.linked_floors, ends, strict=True)
     ]
     k, e = scene.contact.linear_stiffness, scene.contact.restitution
-    row, gaps = twins(scene), list(scene.gaps)
-    one = naive.run(row, gaps, record.acceleration, record.dt, case.law, k, e, links=links, rtol=1e-12, atol=1e-14)
+    row, gaps = buildings_of(scene), list(scene.gaps)
+    one = reference.run(row, gaps, record.acceleration, record.dt, case.law, k, e, links=links, rtol=1e-12, atol=1e-14)
     result = {
         name: np.concatenate([one[name][i] for i, b in enumerate(scene.row) if not isinstance(b, ps.Wall)])
         for name in ("displacement_max", "displacement_min")
@@ -223,7 +223,7 @@ def main() -> None:
     worst = np.zeros((len(SHAPES), 3))
     for seed in range(rows):
         case = draw(seed)
-        mine, taylor, twin = by_engine(case), by_heyoka(case), by_twin(case)
+        mine, taylor, twin = by_engine(case), by_heyoka(case), by_reference(case)
         new = difference(mine, taylor), difference(mine, twin), mine["impact_count"].sum()
         kind = worst[seed % len(SHAPES)]
         kind[:] = max(kind[0], new[0]), max(kind[1], new[1]), kind[2] + new[2]

@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.engine import prepare
 from benchmarks.work import ERROR_GAPS, Peaks, Work
 
-sys.path.append(str(Path(__file__).parents[1] / "tests"))  # the slow twin lives there
+sys.path.append(str(Path(__file__).parents[1] / "tests"))  # the reference solver lives there
 
 #: Step (s) of the converged solution.
 STEP = 5e-5
@@ -22,15 +22,17 @@ def converged(work: Work, gaps: np.ndarray = ERROR_GAPS) -> Peaks:
 
 
 def independent(work: Work, gap: float) -> Peaks:
-    """Return one scenario by the tests' slow twin: scipy's DOP853 at a tolerance of 1e-10, every event located."""
-    import naive
+    """Return one scenario by the reference solver of the tests: scipy's DOP853 at 1e-10, every event located."""
+    import reference
 
     buildings = [
-        naive.NaiveBuilding(list(b.masses), list(b.stiffnesses), rayleigh=b.rayleigh) for b in work.scene.buildings
+        reference.ShearBuilding(list(b.masses), list(b.stiffnesses), rayleigh=b.rayleigh) for b in work.scene.buildings
     ]
     gaps = [gap] * (len(buildings) - 1)
     record = work.record
-    found = naive.run(buildings, gaps, record.acceleration, record.dt, work.law, k=work.stiffness, e=work.restitution)
+    found = reference.run(
+        buildings, gaps, record.acceleration, record.dt, work.law, k=work.stiffness, e=work.restitution
+    )
     names = ("impact_force_max", "impact_count", "displacement_max", "displacement_min")
     return Peaks(*(np.concatenate(found[name])[None].astype(float) for name in names))
 

@@ -40,7 +40,7 @@ class Report:
     machine: dict[str, str]  # machine, versions, date
     work: str  # the work, in a sentence
     points: list[Point] = field(default_factory=list)  # error and cost of every tool and setting
-    #: largest relative difference of a peak force between the converged solution and the tests' slow twin
+    #: largest relative difference of a peak force between the converged solution and the reference solver of the tests
     agreement: float | None = None
     missing: list[str] = field(default_factory=list)  # peers that could not be used, and why
     arithmetic: Arithmetic | None = None  # the engine's kernels beside a C kernel; None without a compiler

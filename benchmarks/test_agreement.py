@@ -1,11 +1,11 @@
-"""Random rows by the exact scheme and by heyoka, and by the slow twin of the tests."""
+"""Random rows by the exact scheme and by heyoka, and by the reference solver of the tests."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from benchmarks.agreement import by_engine, by_heyoka, by_twin, difference, draw
+from benchmarks.agreement import by_engine, by_heyoka, by_reference, difference, draw
 
 
 @pytest.mark.slow
@@ -16,7 +16,7 @@ def test_three_programs_give_one_answer(seed):
     mine, taylor = by_engine(case), by_heyoka(case)
     assert mine["impact_count"].sum() > 0
     assert difference(mine, taylor) < 1e-9
-    assert difference(mine, by_twin(case)) < 1e-6
+    assert difference(mine, by_reference(case)) < 1e-6
 
 
 def test_differences():

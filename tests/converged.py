@@ -1,6 +1,6 @@
 """Compute the converged values that `pounding-sweep doctor` checks an installation against.
 
-``python tests/converged.py`` writes ``pounding_sweep/data/converged.json`` anew, from the twin in `naive` at two
+``python tests/converged.py`` writes ``pounding_sweep/data/converged.json`` anew, from `reference` at two
 tolerances: the tighter run gives the values, the difference between the two is stored as their error.
 """
 
@@ -11,8 +11,8 @@ import platform
 from importlib.metadata import version
 from pathlib import Path
 
-import naive
 import numpy as np
+import reference
 
 import pounding_sweep as ps
 
@@ -29,12 +29,14 @@ def values(law: str, gap: float, rtol: float, atol: float) -> dict[str, list[lis
     """Run one scenario; lists by building or pair, then by storey."""
     scene, record = ps.get_preset(PRESET), ps.find_record(RECORD)
     row = [
-        naive.NaiveBuilding(list(b.masses), list(b.stiffnesses), b.damping_ratio, storey_heights=list(b.storey_heights))
+        reference.ShearBuilding(
+            list(b.masses), list(b.stiffnesses), b.damping_ratio, storey_heights=list(b.storey_heights)
+        )
         for b in scene.buildings
     ]
     k = scene.contact.hertz_stiffness if law == "hertz_damped" else scene.contact.linear_stiffness
     motion = record.acceleration, record.dt
-    run = naive.run(row, [gap, gap], *motion, law, k, scene.contact.restitution, rtol=rtol, atol=atol)
+    run = reference.run(row, [gap, gap], *motion, law, k, scene.contact.restitution, rtol=rtol, atol=atol)
     names = OUTPUTS if law == "none" else (*OUTPUTS, *CONTACT_OUTPUTS)
     return {
         name: [[None if v is None or np.isnan(v) else float(v) for v in part] for part in run[name]] for name in names
@@ -59,7 +61,7 @@ def main() -> None:
             print(f"{law} {gap} m: tolerances differ by {scenarios[-1]['error']:.1e}", flush=True)
     (rtol, atol), (rtol_2, atol_2) = TOLERANCES
     made = {
-        "made_by": "tests/converged.py, from tests/naive.py: DOP853 restarted at every record point and contact event",
+        "made_by": "tests/converged.py, from tests/reference.py: DOP853 restarted at every record point and contact",
         "tolerances": f"rtol {rtol:g}, atol {atol:g}; error: largest relative difference to rtol {rtol_2:g}, "
         f"atol {atol_2:g}",
         **{name: version(name) for name in ("scipy", "numpy")},

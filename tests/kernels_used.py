@@ -27,7 +27,7 @@ from pounding_sweep.variables.registry import VARIABLES, reducers_for
 OWN_LAW = Path(__file__).parents[1] / "docs" / "own_law.md"
 #: Laws under which `simulate` runs the pair by default, by scheme. Kinds of laws: a damper whose pull is cut (Kelvin
 #: and Voigt), forces that rise like a power (Hertz), memory (hysteretic), jumps of velocity (stereomechanical). The
-#: other laws differ in their formula, which `test_laws` holds against the twin's, and run under each scheme nightly.
+#: other laws differ in their formula, which `test_laws` holds against the reference, and run under each scheme nightly.
 SIMULATED = {
     "rk4": frozenset({"kelvin_voigt", "hertz_damped", "hysteretic"}),
     "newmark": frozenset({"hertz_damped", "stereomechanical"}),

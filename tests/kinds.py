@@ -123,7 +123,7 @@ WITHOUT_AND_WITH = ("none", "kelvin_voigt")
 
 @dataclass(frozen=True)
 class Kind:
-    """A row, and the methods that are held against its twin with their steps and bounds."""
+    """A row, and the methods that are held against the reference with their steps and bounds."""
 
     scene: ps.Scene
     #: By day, under the law.
@@ -245,7 +245,7 @@ KINDS = {
         acts=lambda got: (got.impact_count > 0).sum() >= 6,
     ),
 }  # fmt: skip
-#: Rows without a twin of this kind, and the schemes that run them.
+#: Rows without a reference of this kind, and the schemes that run them.
 INVARIANT = {name: (kind.scene, kind.law, tuple(kind.runs)) for name, kind in KINDS.items() if kind.runs}
 INVARIANT["smooth"] = SMOOTH, "linear", SMOOTHING
 INVARIANT["the pair"] = pair(), "kelvin_voigt", ("rk4", "exact")

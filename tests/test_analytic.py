@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kernels_used import LAW_OF, SIMULATED
-from naive import NaiveBuilding, modal_exact
+from reference import ShearBuilding, modal_exact
 from scipy.integrate import cumulative_simpson
 from scipy.special import gamma
-from test_naive import NOMINAL, REALISED
+from test_reference import NOMINAL, REALISED
 from test_simulate import PAIR, A, B, shake, shaking, with_gap
 
 import pounding_sweep as ps
@@ -96,7 +96,7 @@ def test_multi_storey_buildings_follow_their_exact_solution(method):
         LAW_OF[method], ps.Scene([A, B], gaps=[1.0]), record, method=method, dt=record.dt / 40, initial_velocity=start
     ).isel(time=slice(None, None, 40))
     for b, v0 in zip((A, B), start, strict=True):
-        twin = NaiveBuilding(list(b.masses), list(b.stiffnesses), b.damping_ratio)
+        twin = ShearBuilding(list(b.masses), list(b.stiffnesses), b.damping_ratio)
         u, v = modal_exact(twin, record.acceleration, record.dt, velocity=v0)
         tolerance = 5e-7 if method == "rk4" else 2e-3
         near(got.displacement.sel(building=b.name), u, tolerance)
@@ -127,7 +127,7 @@ def test_a_tall_row_that_never_touches_follows_its_exact_solution(method):
     got = ps.simulate(row, record, **contact, method=method, dt=record.dt / 80, rest=0.0)
     assert int(got.impact_count.max()) == 0
     for b in (tower, annex):
-        u, v = modal_exact(NaiveBuilding(list(b.masses), list(b.stiffnesses)), record.acceleration, record.dt)
+        u, v = modal_exact(ShearBuilding(list(b.masses), list(b.stiffnesses)), record.acceleration, record.dt)
         tolerance = 1e-7 if method == "rk4" else 2e-3
         mine = got.isel(time=slice(None, None, 80)).sel(building=b.name, storey=slice(1, b.n_storeys))
         near(mine.displacement, u, tolerance)
@@ -250,7 +250,7 @@ def test_floors_that_are_pressed_from_the_start_touch_at_once(method):
 
     assert first(0.0, 3.0)[1] == 0.0
     assert (first(1e-9, -3.0) > 1e-3).all()  # a gap that the motion needs a while for
-    if method == "exact":  # those that part by a picometre first, as `naive` has them
+    if method == "exact":  # those that part by a picometre first, as `reference` has them
         np.testing.assert_allclose(first(0.0, -3.0), [7.14390069670e-4, 2.457371718e-2], rtol=1e-8)
 
 
@@ -258,7 +258,7 @@ def test_floors_that_are_pressed_from_the_start_touch_at_once(method):
 def test_parameters_of_newmark(beta, gamma, order):
     """gamma = 1/2 is second order, more of it damps and is first order; all reach the exact answer."""
     record = shaking(1.0)
-    exact = modal_exact(NaiveBuilding(list(A.masses), list(A.stiffnesses)), record.acceleration, record.dt)[0]
+    exact = modal_exact(ShearBuilding(list(A.masses), list(A.stiffnesses)), record.acceleration, record.dt)[0]
     steps, left = [20, 40, 80], []
     for n in steps:
         far = ps.Scene([A, B], gaps=[1.0])

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from against_twin import lane_values, motion, simulate
+from against_reference import lane_values, motion, simulate
 from kernels_used import SMOOTH, SMOOTHING
 from scipy.integrate import solve_ivp
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from against_twin import errors, motion, number_of, simulate, truth
+from against_reference import errors, motion, number_of, simulate, truth
 from kernels_used import BUMPED, BUMPER
 from scenes import pair
 from test_analysis_gaps import told
@@ -88,7 +88,7 @@ def test_a_law_is_damped_on_one_side_and_has_a_thickness():
 )
 def test_the_order_is_kept_where_the_force_has_no_corner(method, order, bound, stop):
     law = ps.rubber_bumper(BUMPER.thickness, stop=stop, stiffness=K)
-    # `exact` has steps of its own beside contacts, whose errors are the twin's, but where a corner is met
+    # `exact` has steps of its own beside contacts, whose errors are the reference's, but where a corner is met
     steps = np.array([2e-3, 1e-3, 5e-4, 2.5e-4]) / (4.0 if method == "exact" else 1.0)
     want = truth(SCENE, law, 81, 2.0, stop)
     off = [max(errors(simulate(SCENE, law, 81, 2.0, method=method, dt=dt), want, SCENE).values()) for dt in steps]

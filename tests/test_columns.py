@@ -6,10 +6,10 @@ import itertools
 from dataclasses import replace
 from pathlib import Path
 
-import naive
 import numpy as np
 import pytest
-from against_twin import motion, twins
+import reference
+from against_reference import buildings_of, motion
 from hypothesis import given
 from hypothesis import strategies as st
 from kernels_used import FRAMED, STAGGERED
@@ -20,13 +20,13 @@ from pounding_sweep.base.errors import InputError, SceneError
 from pounding_sweep.model.meeting import column_shares, column_softness
 from pounding_sweep.model.variants import variants_of
 
-#: Contacts of the staggered row: label along ``pair``, storey of the floor that strikes, and its place in the twin.
+#: Contacts of the staggered row: label along ``pair``, storey of the floor that strikes; in the order of the reference.
 PLACES = [("a-b columns of b", 1), ("a-b columns of a", 1), ("a-b columns of a", 2), ("b-wall", 1)]
 
 
 @given(st.floats(0.01, 0.99), st.floats(1.0, 1e7))
 def test_shares_and_softness_are_those_of_a_beam(xi, stiffness):
-    lower, upper, soft = naive.struck_beam(xi, stiffness)
+    lower, upper, soft = reference.struck_beam(xi, stiffness)
     assert column_shares(xi) == pytest.approx((lower, upper), abs=1e-9)
     assert column_softness(xi) / stiffness == pytest.approx(soft, rel=1e-8)
 
@@ -47,7 +47,7 @@ def test_what_strikes_what():
         (3, 1, -1, 2, -1, -1),
     ]
     np.testing.assert_allclose([c.xi for c in STAGGERED.contacts], [1 / 3.5, 2 / 3, 2.5 / 3, 1.0])
-    twin = naive._Row(twins(STAGGERED), STAGGERED.gaps, columns=True)
+    twin = reference._Row(buildings_of(STAGGERED), STAGGERED.gaps, columns=True)
     np.testing.assert_allclose([c.mass for c in STAGGERED.contacts], twin.meff[:4], rtol=1e-12)
     stiffness = variants_of(STAGGERED).contact_stiffnesses(np.array([8e5]))[0]
     np.testing.assert_allclose(1.0 / (1.0 / 8e5 + np.array(twin.softness[:4])), stiffness, rtol=1e-12)
@@ -78,7 +78,7 @@ class Frame:
 
     def __init__(self, striker, frame, z, gap, spring):
         self.masses = np.array([*striker.masses, *frame.masses])
-        _, damping, self.stiffness = twins(ps.Scene([striker]))[0].matrices()
+        _, damping, self.stiffness = buildings_of(ps.Scene([striker]))[0].matrices()
         self.damping = np.zeros((4, 4))
         self.damping[:2, :2] = damping
         self.gap, self.spring = gap, spring
@@ -179,7 +179,9 @@ def test_the_sweep_to_copy_equals_the_twin():
     scene, (record,) = sweep.spec.scene.with_gaps([0.01, 0.01]), sweep.spec.records
     given = {"columns": True, "only": {scene.pair_names.index(pair): storeys for pair, storeys in scene.storeys}}
     ground = record.acceleration, record.dt
-    want = naive.run(twins(scene), scene.gaps, *ground, "kelvin_voigt", 1e6, scene.contact.restitution, **given)
+    want = reference.run(
+        buildings_of(scene), scene.gaps, *ground, "kelvin_voigt", 1e6, scene.contact.restitution, **given
+    )
     got = sweep.run().sel(law="kelvin_voigt", gap=0.01).squeeze(drop=True)
     for name in ("impact_force_max", "impact_count"):
         mine = [float(got[name].sel(pair=scene.pair_labels[c.place], storey=c.storey)) for c in scene.contacts]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from against_twin import motion, simulate
+from against_reference import motion, simulate
 from hypothesis import given
 from hypothesis import strategies as st
 from kernels_used import LEANING_YIELDS, LINKED

@@ -1,4 +1,4 @@
-"""The self-check of an installation: it passes here, notices a wrong value, and its stored values are the twin's."""
+"""The self-check of an installation: it passes here, notices a wrong value, and stores values of the reference."""
 
 from __future__ import annotations
 

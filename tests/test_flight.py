@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from naive import NaiveBuilding, modal_exact
+from reference import ShearBuilding, modal_exact
 from scenes import EVERY, motions, pair
 from scipy.linalg import expm
 from test_properties import some_variants
@@ -105,7 +105,7 @@ def test_peaks_do_not_depend_on_the_grid_of_flight():
     """Those of the motion without pounding beside exact steps, 200 in each of the record's, and with impacts."""
     scene, record, kernel = pair(), motions()[0], kernel_of(pair())
     apart = {"scale": np.ones(1), "stiffness": np.full(1, 8e5), "restitution": np.ones(1), "gaps": np.ones((1, 1))}
-    alone = [NaiveBuilding(list(b.masses), list(b.stiffnesses), rayleigh=b.rayleigh) for b in scene.buildings]
+    alone = [ShearBuilding(list(b.masses), list(b.stiffnesses), rayleigh=b.rayleigh) for b in scene.buildings]
     fine = finer(record, 200)
     moved = np.concatenate([modal_exact(b, fine.acceleration, fine.dt)[0] for b in alone], axis=1)
     last = moved.argmax(axis=0)
@@ -152,7 +152,7 @@ def test_a_motion_that_goes_and_comes_back_in_a_step_has_its_peaks(ground, dt, w
     found = kernel.run(record, gaps=np.ones((1, 1)), **one, twin=True)
     last = len(ground) - 1
     fine = np.interp(np.arange(2000 * last + 1) / 2000, np.arange(last + 1), ground)
-    alone = [NaiveBuilding(list(b.masses), list(b.stiffnesses), rayleigh=b.rayleigh) for b in scene.buildings]
+    alone = [ShearBuilding(list(b.masses), list(b.stiffnesses), rayleigh=b.rayleigh) for b in scene.buildings]
     moved = [modal_exact(b, fine, record.dt / 2000)[0] for b in alone]
     drifted = [np.abs(np.diff(u, axis=1, prepend=0.0)) for u in moved]
     for name, values, best in (("umax", moved, np.max), ("umin", moved, np.min), ("drift", drifted, np.max)):

@@ -1,4 +1,4 @@
-"""Buildings on foundations that sway and rock: against exact answers and the slow twin, and what sweeps do."""
+"""Buildings on foundations that sway and rock: against exact answers and the reference, and what sweeps do."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from against_twin import motion, truth, twins
+from against_reference import buildings_of, motion, truth
 from hypothesis import given
 from hypothesis import strategies as st
 from kernels_used import FOUNDED, SMOOTH
 from kinds import BOTH
-from naive import run
+from reference import run
 from scenes import pair
 from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, eig, eigh
@@ -33,7 +33,7 @@ OUTPUTS = ("foundation_sway_max", "foundation_rotation_max")
 def classical(building):
     """M, C, K of a building in its own displacements, the sway and the rotation of its base, masses coupled."""
     n, h, base = building.n_storeys, building.elevations, building.foundation
-    m, c, k = twins(ps.Scene([replace(building, foundation=None)]))[0].matrices()
+    m, c, k = buildings_of(ps.Scene([replace(building, foundation=None)]))[0].matrices()
     moved = np.column_stack([np.eye(n), np.ones(n), h])  # floors by (w, u, theta)
     mass = moved.T @ m @ moved + block_diag(np.zeros((n, n)), base.mass, base.inertia)
     return (
@@ -111,7 +111,7 @@ def test_stiff_springs_fix_the_base():
 
 
 def test_the_twin_is_exact_without_pounding():
-    """The twin against the exponential of the state in other coordinates, in which masses are coupled."""
+    """The reference against the exponential of the state in other coordinates, in which masses are coupled."""
     want = of_floors(exact(*classical(A), motion(51, 1.5), OF_THE_BASE).T)
     found = truth(FOUNDED, "none", 51, 1.5)["displacement"][0]
     assert np.abs(found - want).max() < 1e-9 * np.abs(want).max()
@@ -175,15 +175,17 @@ def test_steps_at_the_limit_do_not_grow(mass, inertia, sway, rocking, sway_dampi
     base = ps.Foundation(mass, inertia, 10**sway, 10**rocking, 10**sway_damping, 10**rocking_damping)
     building = replace(A, foundation=base, dashpots=[200.0, 0.0])
     limit = float(largest_step(ps.Scene([building]), LAWS["none"], np.zeros(1), np.ones(1), method=method)[0])
-    assert radius(method, limit, *(twins(ps.Scene([building]))[0].on_base()[:3])) < 1.0 + 1e-9
-    m, _, k = twins(ps.Scene([building]))[0].on_base()[:3]
+    assert radius(method, limit, *(buildings_of(ps.Scene([building]))[0].on_base()[:3])) < 1.0 + 1e-9
+    m, _, k = buildings_of(ps.Scene([building]))[0].on_base()[:3]
     assert limit <= 2.0 * np.sqrt(2.0) / np.sqrt(eig(k, m)[0].real.max()) * (1.0 + 1e-9)
 
 
 def test_the_limit_with_contacts_closed():
     """All contacts closed: the row with the springs of its contacts is stable at the limit too."""
     limit = float(largest_step(FOUNDED, LAWS["linear"], np.full(1, 8e5), np.ones(1), method="central_difference")[0])
-    (m1, c1, k1), (m2, c2, k2) = (each[:3] for each in (twins(FOUNDED)[0].on_base(), twins(FOUNDED)[1].matrices()))
+    (m1, c1, k1), (m2, c2, k2) = (
+        each[:3] for each in (buildings_of(FOUNDED)[0].on_base(), buildings_of(FOUNDED)[1].matrices())
+    )
     m, c, k = (block_diag(*each) for each in ((m1, m2), (c1, c2), (k1, k2)))
     for i, j in ((0, 4), (1, 5)):
         across = np.eye(6)[i] - np.eye(6)[j]
@@ -223,7 +225,7 @@ def test_required_gaps_of_a_row_on_foundations():
     outputs = ["displacement_max", "displacement_min", "closing_max"]
     cube = ps.Sweep(FOUNDED, motion(151), "none", method="rk4", dt=1e-3, outputs=outputs).run()
     gaps = ps.analysis.required_gap(cube)
-    one = run(twins(FOUNDED), [0.003], motion(151).acceleration, motion(151).dt, "none")
+    one = run(buildings_of(FOUNDED), [0.003], motion(151).acceleration, motion(151).dt, "none")
     closing = (one["displacement"][0] - one["displacement"][1]).max(axis=0)
     assert (gaps.closing.values.ravel() >= 0.98 * closing).all()
     other = ps.Sweep(FOUNDED, motion(151), "linear", gaps=[0.002], method="rk4", dt=1e-3).run()

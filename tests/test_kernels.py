@@ -1,4 +1,4 @@
-"""The compiled kernels against the slow twin of `naive.py`: every law, scheme, row and variable."""
+"""The compiled kernels against the reference solver, `reference.py`: every law, scheme, row and variable."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from against_twin import check_twin, error_by_step, errors, motion, twins
+from against_reference import buildings_of, check_reference, error_by_step, errors, motion
 from kernels_used import SMOOTH, SMOOTHING
 from kinds import YIELDS
-from naive import modal_exact, run
+from reference import modal_exact, run
 from scenes import EVERY, pair, run_in_any_company
 from test_simulate import A, B
 
@@ -93,7 +93,7 @@ SECOND_ORDER_BOUND = 1.5e-3
 
 
 def check(row, law, points, scale, method, dt, bound):
-    got = check_twin(ROWS[row], law, bound, points, scale, method=method, dt=dt)
+    got = check_reference(ROWS[row], law, bound, points, scale, method=method, dt=dt)
     assert law == "none" or int(got.impact_count.sum()) >= 3
 
 
@@ -144,7 +144,7 @@ def test_a_contact_yields_again_and_again(method, dt, bound):
     scene = ps.Scene([ps.Building("b", [150.0], [4e3], damping_ratio=0.02), ps.Wall()], gaps=[0.004])
     record = ps.Record("push", 0.01, pull)
     got = ps.simulate(scene, record, law="hysteretic", stiffness=2e6, restitution=0.5, method=method, dt=dt)
-    want = run(twins(scene), [0.004], pull, 0.01, "hysteretic", 2e6, 0.5)
+    want = run(buildings_of(scene), [0.004], pull, 0.01, "hysteretic", 2e6, 0.5)
     count = int(want["impact_count"][0][0])
     assert want["event_count"] > 6 * count  # a contact that yields once has five events
     assert int(got.impact_count.sum()) == count
@@ -286,6 +286,6 @@ def test_flight_is_exact_whatever_the_step():
     far = ps.Scene([A, B], gaps=[1.0])
     given = {"stiffness": 8e5, "restitution": 0.6, "method": "exact", "dt": record.dt, "rest": 0.0}
     one = ps.simulate(far, record, law="kelvin_voigt", **given)
-    for i, twin in enumerate(twins(PAIR)):
+    for i, twin in enumerate(buildings_of(PAIR)):
         want = modal_exact(twin, record.acceleration, record.dt)[0]
         np.testing.assert_allclose(one.displacement.isel(building=i).values, want, rtol=0, atol=1e-12)

@@ -1,4 +1,4 @@
-"""What every kind of row must do: equal its slow twin, converge, keep its energy, know its image, come back from files.
+"""What every kind of row must do: equal the reference, converge, keep its energy, know its image, come back from files.
 
 The kinds, with their steps and bounds, are in `kinds.py`; what is particular to one is in a module of its own.
 """
@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from against_twin import check_energy, check_order, check_twin, motion, simulate
+from against_reference import check_energy, check_order, check_reference, motion, simulate
 from kinds import FEATURES, INVARIANT, KINDS, SWEEPS, mirrored, varied
 from scenes import EVERY, pair, scene_of_case
 
@@ -34,11 +34,11 @@ NIGHTLY = [(name, *case) for name, kind in KINDS.items() for case in itertools.p
 
 
 @pytest.mark.parametrize(("name", "law", "method"), cases([*BY_DAY, *NIGHTLY], lambda *case: case not in BY_DAY))
-def test_every_variable_equals_the_twins(name, law, method):
+def test_every_variable_equals_the_reference(name, law, method):
     kind = KINDS[name]
     dt, bound = kind.runs[method] if (name, law, method) in BY_DAY else kind.slow[method]
     loose = kind.loose if law == "stereomechanical" else ()
-    got = check_twin(kind.scene, law, bound, kind.points, kind.scale, loose, method=method, dt=dt)
+    got = check_reference(kind.scene, law, bound, kind.points, kind.scale, loose, method=method, dt=dt)
     assert law != kind.law or kind.acts(got)
     # peaks are those of the histories, or between their steps
     for of, largest in (("acceleration", "acceleration_max"), ("link_force", "link_force_max"),

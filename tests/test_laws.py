@@ -6,9 +6,9 @@ import itertools
 import math
 import re
 
-import naive
 import numpy as np
 import pytest
+import reference
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -22,19 +22,19 @@ def value(text, d, k=3.0e6, c=2.0e3):
     return eval(text, {"sqrt": math.sqrt, "max": max}, {"k": k, "c": c, "d": d, "r": math.sqrt(max(d, 0.0))})
 
 
-@pytest.mark.parametrize("key", [key for key, law in naive.LAWS.items() if not law.yields])
+@pytest.mark.parametrize("key", [key for key, law in reference.LAWS.items() if not law.yields])
 @given(d=st.floats(1e-6, 0.1), v=st.floats(-1.0, 1.0), k=st.floats(1e5, 1e8), m=st.floats(10.0, 500.0))
 @example(d=0.01, v=0.5, k=1e6, m=80.0)
 def test_formulas_are_those_of_the_twin(key, d, v, k, m):
     """With the damping of a restitution of 0.6, at an approach of 0.8 m/s."""
-    law, rule, e, v0 = LAWS[key], naive.LAWS[key], 0.6, 0.8
+    law, rule, e, v0 = LAWS[key], reference.LAWS[key], 0.6, 0.8
     pulls = rule.damper is not None and not (rule.clip or rule.approach_only)
     assert (law.approach_only, law.tension) == (rule.approach_only, pulls)
-    force, want = value(law.elastic, d, k), naive.elastic_force(rule, k, d)
+    force, want = value(law.elastic, d, k), reference.elastic_force(rule, k, d)
     if rule.damper:
         c = float(law.damping_coefficient(e, k, m)) / (v0 if law.damping == "elastic" else 1.0)
         force += value(law.damper, d, k, c) * v
-        want += naive.damper_force(rule, k, d, v, m, v0, naive.damping_coefficient(key, e))
+        want += reference.damper_force(rule, k, d, v, m, v0, reference.damping_coefficient(key, e))
     assert force == pytest.approx(want, rel=1e-12, abs=1e-9)
 
 

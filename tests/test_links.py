@@ -1,4 +1,4 @@
-"""Dashpots of single storeys, links between neighbours: against exact answers and the slow twin, and what sweeps do."""
+"""Dashpots of single storeys, links between neighbours: against exact answers and the reference, and what sweeps do."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from against_twin import motion, simulate, truth, twins
+from against_reference import buildings_of, motion, simulate, truth
 from hypothesis import given
 from hypothesis import strategies as st
 from kernels_used import LINKED
 from kinds import TOWER_ABOVE
-from naive import NaiveBuilding, run
+from reference import ShearBuilding, run
 from scenes import pair
 from scipy.linalg import block_diag, eig, expm
 
@@ -26,8 +26,8 @@ A, B = pair().buildings
 
 
 def matrices(scene):
-    """M, C, K of a whole row, its links included, from the twin's buildings."""
-    parts = zip(*(each.matrices() for each in twins(scene)), strict=True)
+    """M, C, K of a whole row, its links included, from the buildings of the reference."""
+    parts = zip(*(each.matrices() for each in buildings_of(scene)), strict=True)
     m, c, k = (block_diag(*part) for part in parts)
     for link in scene.linked_floors:
         across = np.eye(len(m))[link.left] - np.eye(len(m))[link.right]
@@ -53,7 +53,7 @@ def exact(m, c, k, record, pushed=None):
 
 
 def test_the_twin_is_exact_without_pounding():
-    """Non-classical damping and links: the twin itself against the exponential of the whole state."""
+    """Non-classical damping and links: the reference itself against the exponential of the whole state."""
     want = exact(*matrices(LINKED), motion(51, 1.5))
     moved = np.concatenate(truth(LINKED, "none", 51, 1.5)["displacement"], axis=1)
     assert np.abs(moved - want[:, :4]).max() < 1e-9 * np.abs(want[:, :4]).max()
@@ -81,7 +81,7 @@ def test_dashpots_in_the_shares_of_stiffness_are_rayleighs():
     b = 1e-3
     dashed = ps.Scene([replace(x, dashpots=[b * k for k in x.stiffnesses]) for x in bare], [1.0])
     got = simulate(dashed, "none", 101, 1.0, dt=5e-4)
-    rows = [NaiveBuilding(list(x.masses), list(x.stiffnesses), rayleigh=(0.0, b)) for x in bare]
+    rows = [ShearBuilding(list(x.masses), list(x.stiffnesses), rayleigh=(0.0, b)) for x in bare]
     record = motion(101, 1.0)
     want = run(rows, [1.0], record.acceleration, record.dt, "none")
     np.testing.assert_allclose(got.displacement_max.values, want["displacement_max"], rtol=1e-7)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from against_twin import both, motion, simulate, truth
+from against_reference import both, motion, simulate, truth
 from kernels_used import LEANING, LEANING_YIELDS
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh

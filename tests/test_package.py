@@ -81,7 +81,7 @@ def test_the_wheel_holds_the_package_and_nothing_else(built):
 def test_the_sdist_holds_what_a_build_and_the_tests_need(built):
     with tarfile.open(built[0]) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
-    needed = {"pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "tests/naive.py", "sweeps/quickstart.toml"}
+    needed = {"pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "tests/reference.py", "sweeps/quickstart.toml"}
     assert needed | {f"pounding_sweep/{name}" for name in DATA | modules()} <= names
     assert [name for name in names if "__pycache__" in name or name.endswith((".pyc", ".nbi", ".nbc"))] == []
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from against_twin import motion
+from against_reference import motion
 from kinds import KINDS
 from llvmlite import ir
 from scenes import EVERY, pair

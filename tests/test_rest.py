@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import naive
 import numpy as np
 import pytest
-from against_twin import motion, twins
+import reference
+from against_reference import buildings_of, motion
 from kernels_used import FOUNDED, LEANING_YIELDS, LINKED, SMOOTH
 from kinds import KINDS
 from scenes import EVERY, OUTPUTS, pair, row, yielding_pair
@@ -49,7 +49,7 @@ def differences(got, want):
 def test_late_touches_are_those_of_an_independent_solution(method, law):
     scene = replace(PAIR, gaps=[0.004])
     k = scene.contact.reference(LAWS[law].exponent)
-    want = naive.run(twins(scene), scene.gaps, PULSE.acceleration, PULSE.dt, law, k, 0.6, rest=3.0)
+    want = reference.run(buildings_of(scene), scene.gaps, PULSE.acceleration, PULSE.dt, law, k, 0.6, rest=3.0)
     one = ps.simulate(scene, PULSE, law=law, method=method, dt=1e-4)
     assert int(ps.simulate(scene, PULSE, law=law, method=method, dt=1e-4, rest=0.0).impact_count.sum()) == 0
     assert one.impact_count.values.ravel().tolist() == np.concatenate(want["impact_count"]).tolist()
@@ -197,7 +197,7 @@ def test_estimates_are_of_the_motion_with_its_rest():
     scene = ps.Scene([ps.Building("a", [100.0], [987.0]), ps.Building("b", [100.0], [2742.0])], [0.02])
     speed = approach_speeds(scene, PULSE)[0, 0]
     long = followed(PULSE, 20.0).acceleration
-    left, right = (naive.modal_exact(building, long, PULSE.dt)[1][:, 0] for building in twins(scene))
+    left, right = (reference.modal_exact(building, long, PULSE.dt)[1][:, 0] for building in buildings_of(scene))
     closing = np.abs(left - right)
     assert closing.max() <= speed <= 1.5 * closing.max()  # as if both were fastest at once
     assert closing[: PULSE.n_points].max() < 0.9 * closing.max()

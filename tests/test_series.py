@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import naive
 import numpy as np
 import pytest
+import reference
 from scenes import motions, pair
-from test_columns import twins
+from test_columns import buildings_of
 
 import pounding_sweep as ps
 from pounding_sweep.engine.postprocess import variables_of
@@ -58,7 +58,9 @@ def test_contacts_are_exact_at_the_step_of_the_record(law):
     record = ps.Record("short", record.dt, 2.0 * record.acceleration[:31])
     k, e = 1.5e6, 0.5
     ours = found(scene, law, record, [k], [e])
-    other = naive.run(twins(scene), scene.gaps, record.acceleration, record.dt, law, k, e, rtol=1e-12, atol=1e-14)
+    other = reference.run(
+        buildings_of(scene), scene.gaps, record.acceleration, record.dt, law, k, e, rtol=1e-12, atol=1e-14
+    )
     assert other["impact_count"][0].sum() > 1
     np.testing.assert_array_equal(ours["count"][0], other["impact_count"][0])
     for name, want in (
@@ -96,8 +98,16 @@ def test_rows_that_are_right_at_any_step_are_ok(right, stiffness, points):
     record = ps.Record("short", record.dt, ground)
     ours = variables_of(kernel, kernel.run(record, scale=np.ones(1), twin=True, **given), outputs, record)
     assert ours["status"].tolist() == [Status.OK]
-    other = naive.run(
-        twins(scene), scene.gaps, ground, record.dt, "kelvin_voigt", stiffness, 0.6, rtol=1e-12, atol=1e-15
+    other = reference.run(
+        buildings_of(scene),
+        scene.gaps,
+        ground,
+        record.dt,
+        "kelvin_voigt",
+        stiffness,
+        0.6,
+        rtol=1e-12,
+        atol=1e-15,
     )
     assert other["impact_count"][0].sum() > 1
     for name in outputs:
@@ -114,8 +124,16 @@ def test_a_force_that_ends_and_returns_within_a_step():
     record = ps.Record("hard", 0.02, 6.0 * np.sin(9.0 * t) + 4.0 * np.sin(23.0 * t))
     ours = found(scene, "kelvin_voigt", record, [3e4, 2e5, 1e6], [0.2, 0.3, 0.5])
     for i, (k, e) in enumerate(((3e4, 0.2), (2e5, 0.3), (1e6, 0.5))):
-        other = naive.run(
-            twins(scene), scene.gaps, record.acceleration, 0.02, "kelvin_voigt", k, e, rtol=1e-12, atol=1e-14
+        other = reference.run(
+            buildings_of(scene),
+            scene.gaps,
+            record.acceleration,
+            0.02,
+            "kelvin_voigt",
+            k,
+            e,
+            rtol=1e-12,
+            atol=1e-14,
         )
         want = {name: np.concatenate(other[name]) for name in ("impulse", "contact_time", "impact_count")}
         np.testing.assert_array_equal(ours["count"][i], want["impact_count"])

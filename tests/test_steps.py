@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
-from against_twin import apart, lanes, motion
+from against_reference import apart, lanes, motion
 from kernels_used import LINKED
 from kinds import ALONE, YIELDS
 from scenes import EVERY, motions, pair

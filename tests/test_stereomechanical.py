@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from against_twin import both, errors, simulate, truth
+from against_reference import both, errors, simulate, truth
 from scenes import EVERY, OUTPUTS, motions, row
 
 import pounding_sweep as ps

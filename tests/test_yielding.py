@@ -7,10 +7,10 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from against_twin import lane_values, motion, simulate, twins
+from against_reference import buildings_of, lane_values, motion, simulate
 from kernels_used import LEANING_YIELDS, YIELDING, YIELDING_SWEEP
 from kinds import YIELDS
-from naive import run
+from reference import run
 from scenes import EVERY, motions, pair
 from test_flight import some_scenarios
 
@@ -211,7 +211,7 @@ def test_strengths_of_constant_ductility_by_the_twin():
     assert (np.diff(factors, axis=0) < 0.0).all()
     np.testing.assert_allclose(found.strength_reduction[0, 0], 1.0, rtol=1e-9)
     for each, target in zip(factors, targets, strict=True):
-        for b, twin in enumerate(twins(YIELDS)):
+        for b, twin in enumerate(buildings_of(YIELDS)):
             for more, sign in ((1.0, 0.0), (1.01, -1.0)):
                 strong = replace(twin, yield_strengths=[each[b] * more * v for v in twin.yield_strengths])
                 mu = np.nanmax(run([strong], [], record.acceleration, record.dt, "none")["ductility_max"][0])

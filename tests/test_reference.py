@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from naive import LAWS, NaiveBuilding, run
+from reference import LAWS, ShearBuilding, run
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
@@ -34,7 +34,7 @@ def stiffness_of(law):
 
 
 def shear(masses, stiffness, **options):
-    return NaiveBuilding(list(masses), [stiffness] * len(masses), **options)
+    return ShearBuilding(list(masses), [stiffness] * len(masses), **options)
 
 
 def motion(seconds=2.5, dt=0.01, strength=1.0, seed=3):
@@ -96,7 +96,7 @@ def test_linear_contact_against_matrix_exponentials():
             if closed:
                 onsets.append(i * dt + tau)
         impulse_free.append(x)
-    buildings = [NaiveBuilding([m[i]], [k[i]], 0.05) for i in range(2)]
+    buildings = [ShearBuilding([m[i]], [k[i]], 0.05) for i in range(2)]
     out = run(buildings, [gap], ag, dt, "linear", kc)
     assert len(onsets) >= 3
     assert out["impact_count"][0][0] == len(onsets)
@@ -126,7 +126,7 @@ def test_converged_in_the_tolerance(law):
 def test_a_storey_that_yields_moves_as_energy_says(hardening):
     """Undamped, pushed once: it stops where its work is the kinetic energy, and unloads from there."""
     m, k, strength, v0, dt = 100.0, 4.0e4, 300.0, 0.5, 0.01
-    building = NaiveBuilding([m], [k], 0.0, yield_strengths=[strength], hardening=hardening)
+    building = ShearBuilding([m], [k], 0.0, yield_strengths=[strength], hardening=hardening)
     limit = strength / k
     # m v0^2 / 2 = Vy dy / 2 + Vy (d - dy) + r k (d - dy)^2 / 2
     left = 0.5 * m * v0**2 - 0.5 * strength * limit
@@ -153,7 +153,7 @@ def test_a_loop_of_yielding_is_that_of_springs_in_parallel():
     """Bilinear: an elastic spring beside a perfectly plastic one, here as a slider that an ODE of its own drags."""
     m, k, strength, r, dt = 80.0, 3.0e4, 150.0, 0.2, 0.02
     ag = 4.0 * np.sin(np.arange(200) * dt * 9.0)
-    one = run([NaiveBuilding([m], [k], 0.05, yield_strengths=[strength], hardening=r)], [], ag, dt, "none")
+    one = run([ShearBuilding([m], [k], 0.05, yield_strengths=[strength], hardening=r)], [], ag, dt, "none")
     c = 2.0 * 0.05 * np.sqrt(k * m)
     u = v = z = 0.0
     h, limit, found = dt / 2000, strength / k, []

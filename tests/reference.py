@@ -1,4 +1,4 @@
-"""Slow, obvious twin of the fast solver: one scenario at a time, adaptive steps, every event located.
+"""Reference solver, slow and obvious: one scenario at a time, adaptive steps, every event located.
 
 Nothing here comes from the package under test. A row of shear buildings is integrated as one first-order system with
 ``scipy.integrate.DOP853``; the integrator is restarted at every record point and at every event, and between events
@@ -59,7 +59,7 @@ FALLEN = 2.0  # of a storey
 
 
 @dataclass
-class NaiveBuilding:
+class ShearBuilding:
     masses: list[float]
     stiffnesses: list[float]
     damping_ratio: float = 0.05
@@ -915,7 +915,7 @@ def run(
 
     Parameters
     ----------
-    buildings : list of NaiveBuilding or WALL; gaps : list of float, m, one fewer.
+    buildings : list of ShearBuilding or WALL; gaps : list of float, m, one fewer.
     ag, dt : ground acceleration at the record points, m/s2, linear in between; the run covers all of it.
     law : key of LAWS, or "none", or "stereomechanical". k : kN/m or kN/m^1.5. e : nominal restitution.
     columns : slabs strike columns too, see `struck_columns`; the stiffness k and that of the column are in series.

@@ -1,12 +1,12 @@
-"""Simulations of small rows beside their slow twins of `naive.py`: every variable of both, and how far they differ."""
+"""Simulations of small rows beside those of `reference.py`: every variable of both, and how far they differ."""
 
 from __future__ import annotations
 
 from functools import lru_cache
 
-import naive
 import numpy as np
-from naive import WALL, NaiveBuilding
+import reference
+from reference import WALL, ShearBuilding
 from scipy.optimize import brentq
 
 import pounding_sweep as ps
@@ -22,11 +22,11 @@ def motion(points, scale=1.0):
     return ps.Record("cut", el_centro.dt, scale * el_centro.acceleration[50 : 50 + points])
 
 
-def twins(scene):
+def buildings_of(scene):
     return [
         WALL
         if isinstance(b, ps.Wall)
-        else NaiveBuilding(
+        else ShearBuilding(
             list(b.masses),
             list(b.stiffnesses),
             b.damping_ratio,
@@ -50,16 +50,16 @@ def number_of(e):
 
 
 def truth(scene, law, points=101, scale=1.5, stop=1.0):
-    """The twin of a row under a law of the scene's own stiffness and restitution, its links and bumpers among it."""
+    """The reference of a row, links and bumpers among it, under a law of the scene's own stiffness and restitution."""
     return _truth(scene, law, points, scale, stop)
 
 
-def naive_law(law, stop=1.0):
-    """A law as the twin knows it: by its key, or of a rubber bumper its numbers."""
+def law_of(law, stop=1.0):
+    """A law as the reference knows it: by its key, or of a rubber bumper its numbers."""
     if not getattr(law, "thickness", 0.0):
         return getattr(law, "key", law)
     flat = 0.8 * law.thickness
-    return naive.Law(2.65, "proportional", rebound_only=True, published=number_of, flat=flat, stop=stop)
+    return reference.Law(2.65, "proportional", rebound_only=True, published=number_of, flat=flat, stop=stop)
 
 
 @lru_cache
@@ -70,7 +70,14 @@ def _truth(scene, law, points, scale, stop):
         for link, (_, right) in zip(scene.linked_floors, ends, strict=True)
     ]
     bumpers = [
-        (scene.pair_names.index(b.pair), b.storeys or None, naive_law(b.law), b.stiffness, b.restitution, b.thickness)
+        (
+            scene.pair_names.index(b.pair),
+            b.storeys or None,
+            law_of(b.law),
+            b.stiffness,
+            b.restitution,
+            b.thickness,
+        )
         for b in scene.bumpers
     ]
     whole, e = ps.get_law(law), scene.contact.restitution
@@ -79,7 +86,7 @@ def _truth(scene, law, points, scale, stop):
     more = {"links": links, "bumpers": bumpers, "columns": scene.contacts.kind == "floors and columns"}
     only = {scene.pair_names.index(pair): list(storeys) for pair, storeys in scene.storeys}
     ground = record.acceleration, record.dt
-    found = naive.run(twins(scene), gaps, *ground, naive_law(law, stop), k, e, only=only, rtol=1e-11, **more)
+    found = reference.run(buildings_of(scene), gaps, *ground, law_of(law, stop), k, e, only=only, rtol=1e-11, **more)
     return {**found, "law": whole.key}
 
 
@@ -109,7 +116,7 @@ BUILDING = {
 
 
 def both(got, want, scene):
-    """Every variable of a Dataset and of the twin as flat arrays, NaN where missing: {name: (got, want)}."""
+    """Every variable of a Dataset and of the reference as flat arrays, NaN where missing: {name: (got, want)}."""
     real = [i for i, b in enumerate(scene.row) if not isinstance(b, ps.Wall)]
     floors = {name: name for name in FLOOR if name in got}
     if "plastic_drift" in got:
@@ -174,8 +181,8 @@ def _of_foundations(got, want, scene):
     return found
 
 
-def check_twin(scene, law, bound, points=101, scale=1.5, loose=(), **options):
-    """Run a row, every variable of which must equal the twin's, `loose` ones to fifty times the bound; the Dataset."""
+def check_reference(scene, law, bound, points=101, scale=1.5, loose=(), **options):
+    """Run a row; all variables must be those of the reference, `loose` ones to fifty times the bound. The Dataset."""
     got = simulate(scene, law, points, scale, **options)
     assert int(got.status) == Status.OK
     found = errors(got, truth(scene, law, points, scale), scene)
