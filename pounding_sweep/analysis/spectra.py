@@ -17,7 +17,7 @@ from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.output.dataset import CONVENTIONS, VERSION_ATTRIBUTE, package_version
 from pounding_sweep.records import Record, resolve_records
-from pounding_sweep.request.spec import seconds_of_rest
+from pounding_sweep.request.spec import check_rest, seconds_of_rest
 
 Array = npt.NDArray[np.float64]
 Numbers = float | Sequence[float] | Array
@@ -93,7 +93,7 @@ def response_spectrum(
         )
     names = labelled("record", (record.name for record in records), "ground-motion record")
     signals = ((record.acceleration, record.dt) for record in records)
-    spectra = _spectra(signals, periods, damping_ratio, names, seconds_of_rest(rest))
+    spectra = _spectra(signals, periods, damping_ratio, names, seconds_of_rest(check_rest(rest)))
     return (spectra.isel(record=0) if isinstance(motion, Record) else spectra).assign_attrs(
         title="Response spectra", comment="exact piecewise-linear recurrence", rest=rest
     )

@@ -176,7 +176,7 @@ def scenario_axes(plan: Plan) -> tuple[Coordinates, Coordinates]:
         gaps = np.broadcast_to(values["gap"], (*values["gap"].shape[:-1], len(spec.scene.pair_names)))
         dims = ("gap", *(axis.dimension for axis in spec.named_axes("pair")), "pair")
         columns["pair_gap"] = (dims, gaps[..., spec.scene.pair_of_label], "m", "gap of the pair")
-    extra, outer, n = design_coordinates(spec), tuple(axes), len(requested.shape)
+    extra, outer, n = design_coordinates(spec) if spec.design else {}, tuple(axes), len(requested.shape)
     for name, (dims, column, *about) in columns.items():
         grid = np.broadcast_to(column, (*requested.shape, *column.shape[n:]))
         if cases:
@@ -190,11 +190,12 @@ def scenario_axes(plan: Plan) -> tuple[Coordinates, Coordinates]:
     if not cases:
         text = "peak ground acceleration of the record at scale 1"
         extra["record_pga"] = coordinate(("record",), [record.pga for record in spec.records], "m s-2", text)
-    extra |= product_coordinates(spec.scene, spec.named_axes("building"))
+    if properties := spec.named_axes("building"):
+        extra |= product_coordinates(spec.scene, properties)
     if len(plan.variants) == 1:
         return axes, extra | building_coordinates(plan.variants, {})
     variants = plan.variants[requested.variant.reshape(-1)]
-    along = {axis.dimension: (axis.kind, len(axis.values)) for axis in spec.named_axes("building")}
+    along = {axis.dimension: (axis.kind, len(axis.values)) for axis in properties}
     if cases:
         extra |= row_coordinates(variants, "case")
         along = {"case": ("", len(cases))}

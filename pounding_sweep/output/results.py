@@ -54,8 +54,8 @@ class Results:
         #: Largest storey drifts and penetrations (m) of all scenarios that are ok, of those that are asked for.
         self.largest = {name: np.zeros(inner_shape(name, scene)) for name in LARGEST if name in self.names}
         missing = {name: np.full((1, *inner_shape(name, scene)), get_variable(name).fill or 0) for name in self.names}
-        # the first has what stands for scenarios without an answer
-        self._tables: list[np.ndarray | Callable[[], np.ndarray]] = [to_table(missing, scene)]
+        #: the first has what stands for scenarios without an answer
+        self.tables: list[np.ndarray | Callable[[], np.ndarray]] = [to_table(missing, scene)]
         self._slot, self._first = np.zeros(n, np.int32), [0, 1]
 
     def hold(self, table: np.ndarray, read: Callable[[], np.ndarray] | None = None) -> np.ndarray:
@@ -63,7 +63,7 @@ class Results:
         for name, largest in self.largest.items():
             values = table[name][table["status"] == Status.OK]
             self.largest[name] = np.fmax(largest, np.fmax.reduce(values, axis=0, initial=0.0))
-        self._tables.append(table if read is None else read)
+        self.tables.append(table if read is None else read)
         self._first.append(self._first[-1] + len(table))
         return np.arange(self._first[-2], self._first[-1])
 
@@ -80,7 +80,7 @@ class Results:
         edges = np.searchsorted(slots, self._first)
         for index in np.flatnonzero(np.diff(edges)).tolist():
             part = slice(edges[index], edges[index + 1])
-            table, wanted, stored = self._tables[index], order[part], slots[part] - self._first[index]
+            table, wanted, stored = self.tables[index], order[part], slots[part] - self._first[index]
             try:
                 table = table if isinstance(table, np.ndarray) else table()
             except OutputError as error:
@@ -92,10 +92,6 @@ class Results:
                 result[name][wanted] = table[name].take(stored, axis=0)
         result["status"] = self.status[rows]
         return {name: result[name] for name in self.names}
-
-    def let_go(self) -> None:
-        """Let go of all tables; status and touched remain."""
-        self._tables.clear()
 
 
 @dataclass

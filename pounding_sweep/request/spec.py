@@ -126,8 +126,8 @@ def check_rest(rest: Any) -> float | str:
 
 
 def seconds_of_rest(rest: Any) -> float:
-    """Return the time (s) of a rest; infinite if it lasts until nothing changes any more."""
-    return math.inf if check_rest(rest) == "auto" else float(rest)
+    """Return the time (s) of a valid rest; infinite if it lasts until nothing changes any more."""
+    return math.inf if rest == "auto" else float(rest)
 
 
 def case_variants(scene: Scene, cases: Sequence[Case]) -> tuple[Variants, np.ndarray]:

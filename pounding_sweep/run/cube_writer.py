@@ -21,15 +21,6 @@ if TYPE_CHECKING:
     from pounding_sweep.run.execute import Progress
 
 
-def origins(plan: Plan, outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``origin`` and ``run`` of each scenario of the cube."""
-    has_result = ~np.isin(outcome.results.status, [Status.NOT_RUN, Status.BEYOND_STABILITY_LIMIT])
-    origin = np.select([~has_result, outcome.left_out & ~plan.no_contact], [NOT_RUN, NEVER_TOUCHES], 0)
-    # a unique scenario runs itself, or is answered by its run without pounding
-    run = np.where(outcome.left_out, -1 - plan.uncoupled_of, np.arange(len(plan.unique)))
-    return number_runs(origin.astype(np.int8)[plan.inverse], run.astype(np.int32)[plan.inverse])
-
-
 def write_cube_of(
     plan: Plan,
     outcome: Outcome,
@@ -48,7 +39,12 @@ def write_cube_of(
     axes, extra = scenario_axes(plan)
     scene, about = plan.spec.scene, global_attributes(plan, outcome)
     row_of = plan.inverse.reshape([len(values) for _, values, _ in axes.values()])
-    of_cube = dict(zip(("origin", "run"), origins(plan, outcome), strict=True))
+    without = np.isin(outcome.results.status, [Status.NOT_RUN, Status.BEYOND_STABILITY_LIMIT])
+    origin = np.select([without, outcome.left_out & ~plan.no_contact], [NOT_RUN, NEVER_TOUCHES], 0)
+    # a unique scenario runs itself, or is answered by its run without pounding
+    run = np.where(outcome.left_out, -1 - plan.uncoupled_of, np.arange(len(plan.unique)))
+    numbered = number_runs(origin.astype(np.int8)[plan.inverse], run.astype(np.int32)[plan.inverse])
+    of_cube = dict(zip(("origin", "run"), numbered, strict=True))
     names = (*outcome.results.names, *of_cube)
     data = {name: unfilled(name, (*row_of.shape, *inner_shape(name, scene))) for name in names}
     cube = label(scene, axes, data, about, extra)

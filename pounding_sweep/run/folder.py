@@ -145,7 +145,7 @@ class RunFolder:
     def finish(self, outcome: Outcome) -> None:
         """Say in the log what the run came to, and remove the chunks of a complete cube."""
         self.progress.close()
-        outcome.results.let_go()
+        outcome.results.tables.clear()  # status and touched remain
         self.progress.note(
             f"result: {outcome.run} scenarios run, {outcome.reused} kept from an interrupted run, "
             f"{outcome.untouched} never touch, {len(outcome.failures)} chunks failed, "
