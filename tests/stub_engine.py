@@ -235,8 +235,8 @@ def _response(
         "e_held": strain + kinetic,
         "tmax": np.maximum(gained, 0.0),
         "tmin": np.minimum(gained, 0.0),
-        "sway": 0.1 * umax[:, [shape.home(b) for b in shape.foundations]],
-        "rotation": 0.01 * umax[:, [shape.home(b) for b in shape.foundations]],
+        "sway": 0.1 * umax[:, [shape.floors[b][0] for b in shape.foundations]],
+        "rotation": 0.01 * umax[:, [shape.floors[b][0] for b in shape.foundations]],
     }
     moving = {"u": umax, "rate": rate[:, owner], "force": force, "work": work[:, : len(contacts)]}
     return found, moving | {"e_in": found["e_in"], "e_damp": lost}

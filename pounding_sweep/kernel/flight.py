@@ -155,7 +155,7 @@ def powers(spec: KernelSpec) -> list[Power]:
     """Return what the powers of a row are made of that are asked for."""
     factors = []
     if "energy" in spec.reducers:
-        factors = [Power("momentum", b, _modes_of(spec, {spec.home(b)})) for b in range(spec.n_buildings)]
+        factors = [Power("momentum", b, _modes_of(spec, {spec.floors[b][0]})) for b in range(spec.n_buildings)]
     for j, (left, _) in enumerate(spec.links if spec.reducers & {"energy", "links"} else ()):
         factors += [Power(kind, j, _modes_of(spec, {left})) for kind in ("stretch", "left", "right")]
     return factors
@@ -194,71 +194,71 @@ class Layout:
 
         self.wide_modes, self.wide_watched = padded(n), padded(max(1, len(self.watched)))
         #: Modes that each watched quantity has a part in: first and number.
-        self.ranges = []
-        for quantity in self.watched:
-            moved = np.array(quantity.weights) != 0.0
-            moved |= (np.array(quantity.rates) if quantity.rates else 0.0) != 0.0
-            self.ranges.append(_modes_of(spec, set(np.flatnonzero(moved))))
-        q, m, wide = len(self.watched), self.wide_modes, self.wide_watched
+        moved = [{*np.flatnonzero(each.weights), *np.flatnonzero(each.rates)} for each in self.watched]
+        self.ranges = [_modes_of(spec, dofs) for dofs in moved]
+        q, m, wide, coupled = len(self.watched), self.wide_modes, self.wide_watched, self.coupled
+        shakes = not coupled and any(quantity.kind == ACCELERATION for quantity in self.watched)
+        energies, sums = "energy" in spec.reducers and not coupled, spec.windows or self.yields
+        #: Motions whose powers are added up between the points of the grid, where modes are coupled.
+        self.powers: list[Power] = powers(spec) if coupled else []
+        self.nodes = NODES[spec.precision]
         #: Factors of modes' amplitudes by what they add to what is watched, and to its excursions from chords: those
         #: of total accelerations are apart; and to those from the hulls of cubics, of what ends a flight.
-        self.bounds, self.bulges, self.misses = [("bound", "")], [("bound", "bend")], [("bound", "missed")]
-        self.fixed = dict.fromkeys(("slowness", "square", "damping"), m) | dict.fromkeys(("bulge0", "missed0"), wide)
-        by_modes = {"push": m, "shape": max(1, q) * n, "floors": n * m, "modal": n * m, "bound": n * wide}
-        if spec.windows or spec.yielding:
-            by_modes["across"] = n * wide
-        self.shared = {"step": lanes, "inverse": lanes, "sized": wide, "shaken": wide}
-        if self.coupled:  # whose shapes are not those of all rows of buildings
-            self.fixed |= by_modes | dict.fromkeys(("bulge", "missed"), n * wide)
-            self.bulges, self.misses = [("bulge", "")], [("missed", "")]
-        else:
-            self.shared |= by_modes
-            self.fixed |= dict.fromkeys(("bend", "missed"), m)
-            if any(quantity.kind == ACCELERATION for quantity in self.watched):
-                self.shared["bound_shaken"] = n * wide
-                self.fixed |= {"shake": m, "shake_bend": m}
-                self.bounds, self.bulges = (
-                    [*factors, ("bound_shaken", name)]
-                    for factors, name in ((self.bounds, "shake"), (self.bulges, "shake_bend"))
-                )
-        #: Motions whose powers are added up between the points of the grid, where modes are coupled.
-        self.powers: list[Power] = []
-        if self.coupled:
-            self.fixed |= {f"{name}_rate": self.fixed[name] for name in ("shape", "across") if name in self.fixed}
-            self.fixed |= dict.fromkeys((*TO_FLOORS, *TO_MODES), n * m)
-            self.powers, self.nodes = powers(spec), NODES[spec.precision]
-            if self.powers:
-                self.fixed |= {"powers": 2 * n * len(self.powers), "nodes": NODE_STATE * n * self.nodes}
-            self.fixed |= {"sets": n * spec.n_dof} if spec.yielding and (spec.links or spec.foundations) else {}
+        self.bounds = [("bound", "")] + [("bound_shaken", "shake")] * shakes
+        self.bulges = [("bulge", "")] if coupled else [("bound", "bend")] + [("bound_shaken", "shake_bend")] * shakes
+        self.misses = [("missed", "")] if coupled else [("bound", "missed")]
+        #: Numbers of each table, by name: shared by all rows of buildings; of each of these; at each point of the grid,
+        #: or in each block of it; and one after another over all points.
+        self.shared, self.fixed, self.timed, self.series = (dict[str, int]() for _ in range(4))
+        worked_out = dict[str, int]()  # by the kernel
+        of_modes = self.fixed if coupled else self.shared  # shapes of coupled modes are not those of all rows
+        held, shifted_by = spec.links or spec.foundations, 2 * n * len(self.powers)
+        for tables, count, names, there in (
+            (self.shared, lanes, ("step", "inverse"), True),
+            (self.shared, wide, ("sized", "shaken"), True),
+            (self.shared, n * wide, ("bound_shaken",), shakes),
+            (self.fixed, m, ("slowness", "square", "damping"), True),
+            (self.fixed, wide, ("bulge0", "missed0"), True),
+            (self.fixed, m, ("bend", "missed"), not coupled),
+            (self.fixed, m, ("shake", "shake_bend"), shakes),
+            (of_modes, m, ("push",), True),
+            (of_modes, n * max(1, q), ("shape", "shape_rate")[: 1 + coupled], True),
+            (of_modes, n * m, (*TO_FLOORS, *TO_MODES) if coupled else ("floors", "modal"), True),
+            (of_modes, n * wide, ("bound",), True),
+            (of_modes, n * wide, ("across", "across_rate")[: 1 + coupled], sums),
+            (self.fixed, n * wide, ("bulge", "missed"), coupled),
+            (self.fixed, shifted_by, ("powers",), self.powers),
+            (self.fixed, NODE_STATE * n * self.nodes, ("nodes",), self.powers),
+            (self.fixed, n * spec.n_dof, ("sets",), self.yields and held),
+            (worked_out, (lanes + 1) * 4 * m, ("advance",), True),
+            (worked_out, n * 4 * lanes, ("times",), True),
+            (self.timed, wide, ("most", "least"), spec.windows or spec.blocks),
+            (self.timed, wide, ("widest", "widest_least", "peak", "trough"), spec.windows),
+            (self.timed, m, ("q", "p"), not spec.blocks),
+            (self.timed, m, ("input", "adjoint_q", "adjoint_p"), energies),
+            (self.series, n, ("x", "rate"), not spec.blocks),
+            (self.series, 1, ("ground",), not spec.blocks),
+        ):
+            tables.update(dict.fromkeys(names, count) if there else {})
         #: How many numbers are known before a kernel runs.
         self.n_precomputed = sum(map(padded, self.fixed.values()))
-        self.fixed |= {"advance": (lanes + 1) * 4 * m, "times": n * 4 * lanes}
-        extremes = ("most", "least", "widest", "widest_least", "peak", "trough") if spec.windows else ()
-        self.timed = dict.fromkeys(extremes, wide) | {"q": m, "p": m}
-        if "energy" in spec.reducers and not self.coupled:
-            self.timed |= {"input": m, "adjoint_q": m, "adjoint_p": m}
-        self.series = {"x": n, "rate": n, "ground": 1}
+        self.fixed |= worked_out
         #: Rows of modes in double precision from which the motion without pounding follows.
-        self.decays = [*MOVES, "square", "damping", "slowness", "push"]
+        self.decays = [*MOVES, *([] if spec.blocks else ["square", "damping", "slowness", "push"])]
+        if energies:
+            self.decays += ["weight", "area", "adjoint_q", "adjoint_p", "adjoint_rise_q", "adjoint_rise_p"]
         #: Rows of modes of several rows of buildings in lanes, where motions are known by blocks: frequencies, twice
         #: their damping, and what kernels find from them; most steps in a block, and rows of its series.
-        self.strides: list[str] = []
+        self.strides = ["w", "c", *MOVES, "square", "slowness", "heft", "new"] if spec.blocks else []
         self.block, self.series_rows = SPAN - SPAN // lanes, SPAN // lanes + 1
-        if spec.blocks:
-            self.timed, self.series = dict.fromkeys(("most", "least"), wide), {}
-            self.decays, self.strides = list(MOVES), ["w", "c", *MOVES, "square", "slowness", "heft", "new"]
-        if "energy" in spec.reducers and not self.coupled:
-            self.decays += ["weight", "area", "adjoint_q", "adjoint_p", "adjoint_rise_q", "adjoint_rise_p"]
+        #: Where the tables of the first row of buildings begin.
+        self.start = sum(map(padded, self.shared.values()))
         #: Of each name, how many numbers for each point lie before its own, and how many others.
         self.places: dict[str, tuple[int, int]] = {}
-        for block in (self.shared, self.fixed):  # of which vectors lie where memory is read as such
-            others = 0
-            for name, count in block.items():
-                self.places[name], others = (0, others), others + padded(count)
-            if block is self.shared:
-                #: Where the tables of the first row of buildings begin.
-                self.start = others
-        per_point = 0
+        for tables in (self.shared, self.fixed):  # vectors lie where memory is read as such
+            ends = accumulate(map(padded, tables.values()), initial=0)
+            self.places |= {name: (0, end) for name, end in zip(tables, ends, strict=False)}
+        per_point, others = 0, sum(map(padded, self.fixed.values()))
         for name, count in self.timed.items():
             self.places[name], per_point = (per_point, others), per_point + padded(count)
         for name, count in self.series.items():
@@ -541,7 +541,7 @@ class Flight:
             if "links" in group.requested:
                 self._add("e_link", b, lane, to_links)
             if "energy" in group.requested:
-                put_in = total(gained[b]) * lane_of(group.full(group.prop("m", spec.home(b))), lane)
+                put_in = total(gained[b]) * lane_of(group.full(group.prop("m", spec.floors[b][0])), lane)
                 self._add("e_in", b, lane, put_in)
                 for _ in self._damped(b, lane):
                     self._add("e_damp", b, lane, put_in - to_links)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import reduce
 from itertools import groupby
 from operator import add
@@ -47,6 +48,10 @@ from pounding_sweep.model.laws import RESTING_SPEED
 #: An end of an element: a degree of freedom, or its place among some, whether the stretch grows (1) or falls (-1) with
 #: it, and its share (None: all).
 End = tuple[Any, int, Any]
+#: Acceleration of the ground (m/s2) at an instant, by the number of the building that stands on it.
+Instant = Callable[[Any], Any]
+#: Rows of the ground's acceleration at both ends of a sub-step, and of the step that events cut into these.
+ENDS, ENDS_OF_STEP = ("ground0", "ground"), ("step_ground0", "step_ground")
 #: Constants that all lanes share even where buildings vary.
 SHARED = frozenset({"u0", "v0", "cap", "newmark_beta", "newmark_gamma", "settles"})
 #: What a reducer asks of each sub-step of a closed contact, each with those before it: nothing, the penetration at
@@ -188,13 +193,13 @@ class Group:
         self.number: Callable[[], Any] = lambda: 0
         self._places, self._inputs = property_slots(spec), input_slots(spec)
         self.state = Rows(trace, self._rows(), lanes, memory)
-        self._scene = Table(trace, constants, lanes)
+        self._scene, self.ground = Table(trace, constants, lanes), GroundMotion(self.state)
 
     def _rows(self) -> dict[str, int]:
         """Name all rows of state: inputs, results, motion, and what the scheme and the contacts need."""
         spec, nc, nb = self.spec, len(self.spec.contacts), self.spec.n_buildings
         rows, n = self._inputs.count | result_slots(spec, self.reducers).count, spec.n_moving
-        rows |= {"u": n, "v": n, "u0": n, "v0": n, "h": 1, "g0": 1, "g1": 1}
+        rows |= {"u": n, "v": n, "u0": n, "v0": n, "h": 1} | dict.fromkeys(ENDS, 1)
         if spec.implicit or self.has_events or spec.links:
             rows |= {"a0": n}
         if "acceleration" in self.requested:
@@ -209,8 +214,8 @@ class Group:
         if spec.implicit and self.touching:
             rows |= {"response": (n if spec.solves_row else 2 * max(spec.storeys)) * nc, "diagonal": max(spec.storeys)}
         if self.has_events:
-            rows |= dict.fromkeys(("time_left", "fraction", "ahead", "ga", "gb", "tries", "land", "accepted"), 1)
-            rows |= dict.fromkeys(("fallback", "unsolved", "stiff"), 1)
+            rows |= dict.fromkeys(("time_left", "fraction", "ahead", "tries", "land", "accepted"), 1)
+            rows |= dict.fromkeys(("fallback", "unsolved", "stiff", *ENDS_OF_STEP), 1)
         if spec.yielding:
             rows |= dict.fromkeys(("phase", "slip", "kt", "ct", "turn", "then"), n)
             rows |= {"kd": n} if spec.tangent else {}
@@ -344,10 +349,7 @@ class Group:
         ]
 
     def iter_contacts(self, straight: bool = False, touching: bool = True, static: bool = False) -> Iterator[Contact]:
-        """Go through the contacts, at run time (in a short row, if not `straight`; `static`: their numbers are known).
-
-        Not `touching`: closings too.
-        """
+        """Go through contacts, at run time unless `static`, or `straight` in a short row; not `touching`: closings."""
         spec, contacts = self.spec, self.contacts if touching else self.spec.contacts
         static = static or self.trace is None or (straight and not self.looped)
         shapes = [spec.contact_ends(j) for j in range(len(contacts))]
@@ -371,7 +373,7 @@ class Group:
             return
         spec = self.spec
         order = sorted(range(spec.n_buildings), key=lambda b: spec.storeys[b])
-        homes = [(b, spec.home(b)) for b in order]
+        homes = [(b, spec.floors[b][0]) for b in order]
         for n, _, (b, home) in self._in_runs(homes, lambda k: spec.storeys[order[k]]):
             yield b, [home + s for s in range(n)]
 
@@ -401,9 +403,8 @@ class Group:
             dofs += spec.base(like) or ()
         blocks = []
         for like, (b, floors) in zip(known, buildings, strict=True):
-            base = spec.base(like) or ()
-            here = [places[i] for i in (*spec.floors[like], *base)]
-            blocks.append(Block(b, here, not base, self._elements(like, b, floors, places)))
+            here = [places[i] for i in (*spec.floors[like], *(spec.base(like) or ()))]
+            blocks.append(Block(b, here, len(here) == len(floors), self._elements(like, b, floors, places)))
         return Part(dofs, blocks)
 
     def iter_parts(self, as_row: bool = False) -> Iterator[Part]:
@@ -446,8 +447,37 @@ class Group:
     def home_of(self, floor: Any) -> tuple[Any, Any, Any]:
         """Lowest floor, number of storeys, and number of the building of a floor."""
         spec, at = self.spec, 3 * floor
-        table = Lookup([x for b in spec.building_of for x in (spec.home(b), spec.storeys[b], b)])
+        table = Lookup([x for b in spec.building_of for x in (spec.floors[b][0], spec.storeys[b], b)])
         return table[at], spec.storeys[0] if len(set(spec.storeys)) == 1 else table[at + 1], table[at + 2]
+
+
+@dataclass(frozen=True)
+class GroundMotion:
+    """Acceleration of the ground, linear in each sub-step; one motion below all buildings."""
+
+    state: Rows
+
+    def go(self, start: Any, end: Any, lanes: Any = None, rows: tuple[str, str] = ENDS) -> None:
+        """Go through a sub-step, or through that of other `rows`, between two accelerations, in some lanes."""
+        for name, x in zip(rows, (start, end), strict=True):
+            self.state.put(lanes, x, name)
+
+    def go_part(self, done: Any, length: Any, rest: Any, h: Any) -> None:
+        """Go through a part of a step of h: what is done of it, the part's length, and what was left."""
+        start, end = (self.state[name] for name in ENDS_OF_STEP)
+        early, late = (start + (end - start) * (x / h) for x in (done, done + length))
+        self.go(where(done <= 0.0, start, early), where(length >= rest, end, late))
+
+    def rise(self, b: Any) -> Any:
+        """Acceleration below building b at the end of the sub-step, less that at its start."""
+        return self.at(1.0)(b) - self.at(0.0)(b)
+
+    def at(self, t: Any) -> Instant:
+        """Return the accelerations at a part t of the sub-step: a number, or one in each lane."""
+        start, end = (self.state[name] for name in ENDS)
+        ends = {0.0: start, 0.5: 0.5 * (start + end), 1.0: end}
+        x = ends[t] if isinstance(t, float) and t in ends else fma(t, end - start, start)
+        return lambda b: x
 
 
 class Block(NamedTuple):

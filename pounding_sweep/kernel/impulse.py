@@ -41,7 +41,7 @@ def equalise_rows(group: Group, name: str, keeps: str = "force", memory: Any = N
 
 def equalise(group: Group, x: Sequence[Any], resting: Sequence[Any]) -> tuple[list[Any], list[Any]]:
     """Give resting floors one rate: the mean by mass along each row of them; returns rates and what it took."""
-    spec, contacts, joined = group.spec, group.contacts, list(x)
+    contacts, joined = group.contacts, list(x)
     before = {right: j for j, (_, right, _) in enumerate(contacts) if right >= 0}
     after = {left: j for j, (left, _, _) in enumerate(contacts) if left >= 0}
     total: list[Any] = []
@@ -73,7 +73,6 @@ def equalise(group: Group, x: Sequence[Any], resting: Sequence[Any]) -> tuple[li
         for i in (left, right):
             if i >= 0:
                 joined[i] = where(resting[j], common[j], joined[i])
-    assert spec.n_moving == len(joined)
     return joined, force
 
 
@@ -85,7 +84,7 @@ def resting(group: Group) -> list[Any]:
 def resting_accelerations(group: Group, lanes: Any) -> None:
     """Accelerations at the present state, and the forces of resting contacts, in some lanes."""
     s = group.state
-    put_accelerations(group, "alone", "u", "v", s["g1"])
+    put_accelerations(group, "alone", "u", "v", group.ground.at(1.0))
     equalise_rows(group, "alone", "joining")
     for i in group.indices(group.spec.n_moving):
         s.put(lanes, s["alone", i], "a", i)
@@ -145,7 +144,7 @@ def sample_forces(group: Group, length: Any) -> None:
 def force_rates(group: Group, end: str) -> None:
     """Rates of the forces of resting floors at an end of the sub-step, from those of accelerations without them."""
     s = group.state
-    slope = (s["g1"] - s["g0"]) / maximum(s["h"], group.limit.tiny)  # a wall moves as the ground
+    slope = group.ground.rise(0) / maximum(s["h"], group.limit.tiny)  # a wall moves as the ground
     _, rates = equalise(group, [x - slope for x in group.floors(f"acc_rate_{end}")], resting(group))
     for contact, x in zip(group.iter_contacts(static=True), rates, strict=True):
         setattr(contact, f"force_rate_{end}", x)

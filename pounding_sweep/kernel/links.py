@@ -44,12 +44,6 @@ def record(group: Group, h6: Any) -> None:
         link.link_lost = fma(h6, link.dlink_loss, link.link_lost)
 
 
-def conclude(group: Group) -> None:
-    """Energies that springs of links hold at the end."""
-    for link in group.iter_links():
-        link.link_held = link.stored("u")
-
-
 # peaks ---------------------------------------------------------------------------------------------------------------
 
 

@@ -10,7 +10,7 @@ from types import ModuleType
 from typing import Any
 
 from pounding_sweep.kernel import bouc_wen, collapse, forces, hysteresis, impulse, rest, transfers
-from pounding_sweep.kernel.group import BENDS, Group
+from pounding_sweep.kernel.group import BENDS, ENDS_OF_STEP, Group
 from pounding_sweep.kernel.peaks import largest_accelerations, reduce_step, samples, turning, turns
 from pounding_sweep.kernel.roots import course
 from pounding_sweep.kernel.row import iter_powers
@@ -47,7 +47,7 @@ def begin(group: Group, start: Any, lanes: Any = None) -> None:
     for i in group.indices(spec.n_moving):
         s.put(lanes, group.full(group.prop("u0", i)), "u", i)
         s.put(lanes, group.full(group.prop("v0", i)), "v", i)
-    s.put(lanes, s["scale"] * start, "g1")
+    group.ground.go(s["scale"] * start, s["scale"] * start, lanes)
     if spec.yielding:
         hysteresis.begin(group, lanes)
     if spec.law is not None:
@@ -131,7 +131,8 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
 def begin_step(group: Group, lanes: Any, ga: Any, gb: Any, h: Any) -> None:
     """Begin a step of length h, the ground moving from `ga` to `gb`, in some lanes."""
     s = group.state
-    for name, value in (("time_left", h), ("ga", ga), ("gb", gb), ("tries", 0.0), ("land", 0.0)):
+    group.ground.go(ga, gb, lanes, ENDS_OF_STEP)
+    for name, value in (("time_left", h), ("tries", 0.0), ("land", 0.0)):
         s.put(lanes, value, name)
 
 
@@ -146,10 +147,8 @@ def look_ahead(group: Group, h: Any) -> None:
         longest = where(longest < rest, minimum(longest, 0.5 * rest), longest)
     ahead = where((longest < rest) & (s["tries"] < forces.MAX_TRIES), longest, rest)
     length = where(rest > 0.0, where(s["land"] > 0.0, s["ahead"], ahead), 0.0)
-    ga, gb, done = s["ga"], s["gb"], h - rest
     s["h"] = length
-    s["g0"] = where(done <= 0.0, ga, ga + (gb - ga) * (done / h))
-    s["g1"] = where(length >= rest, gb, ga + (gb - ga) * ((done + length) / h))
+    group.ground.go_part(h - rest, length, rest, h)
 
 
 def refuse(group: Group, lanes: Any) -> None:
@@ -180,7 +179,7 @@ def cut(group: Group, lanes: Any) -> None:
         s.put(lanes, fma(h, sped, s["v0", i]), "v", i)
     for contact in group.iter_contacts():
         contact.pen_end, contact.rate_end = contact.penetration(), contact.between("v")
-    s.put(lanes, fma(t, s["g1"] - s["g0"], s["g0"]), "g1")
+    group.ground.go(group.ground.at(0.0)(0), group.ground.at(t)(0), lanes)
     s.put(lanes, 1.0, "land")
     s.put(lanes, h, "h")
 
@@ -388,7 +387,8 @@ class FixedSteps:
         number = i * ground.steps + j
         group.number = lambda: number
         h = where(collapse.stands(group), group.full(ground.h), 0.0) if group.spec.falling else ground.h
-        s["h"], s["g0"], s["g1"] = h, s["scale"] * ga, s["scale"] * gb
+        s["h"] = h
+        group.ground.go(s["scale"] * ga, s["scale"] * gb)
         if not group.has_events:
             self._reduce(group.scheme.flight(group, ground.h), turning(group))
         elif group.spec.located:

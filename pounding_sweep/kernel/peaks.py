@@ -205,7 +205,7 @@ def largest_accelerations(
     """Take the total accelerations of all floors over the step just taken; `pressed`: contacts may be closed."""
     # `force_rates`: finds rates of forces that hold floors together at an end, by those of accelerations without them
     s = group.state
-    ends = [("end", "u", "v", "g1")] + ([("start", "u0", "v0", "g0")] if located else [])
+    ends = [("end", "u", "v", 1.0)] + ([("start", "u0", "v0", 0.0)] if located else [])
     for end, u, v, _ in ends:
         if group.spec.smooth:
             bouc_wen.linearise(group, u[1:])
@@ -217,13 +217,13 @@ def largest_accelerations(
             s["acc", i] = maximum(s["acc", i], size(s["acc_end", i]))
         return
 
-    def relative(end: str, ground: str, i: Any) -> Any:
-        return s[f"acc_{end}", i] - (0.0 if group.rocks(i) else s[ground])
+    def relative(end: str, t: float, i: Any) -> Any:
+        return s[f"acc_{end}", i] - (0.0 if group.rocks(i) else group.ground.at(t)(group.home_of(i)[2]))
 
-    for end, _, v, ground in ends:
+    for end, _, v, t in ends:
         if group.spec.smooth:
             bouc_wen.linearise(group, v[1:])
-        put_accelerations(group, f"acc_rate_{end}", v, partial(relative, end, ground), rates=True)
+        put_accelerations(group, f"acc_rate_{end}", v, partial(relative, end, t), rates=True)
     if group.spec.smooth:
         bouc_wen.recompute(group)
     for end, *_ in ends if group.touching else ():

@@ -10,7 +10,7 @@ from functools import reduce
 from operator import add
 from typing import Any
 
-from pounding_sweep.kernel import collapse, forces, hysteresis, links
+from pounding_sweep.kernel import collapse, forces, hysteresis
 from pounding_sweep.kernel.group import Contact, Group, Spring
 from pounding_sweep.kernel.peaks import followed
 from pounding_sweep.kernel.row import kinetic, strain
@@ -37,8 +37,8 @@ def conclude(group: Group, lanes: Any) -> None:
         left = settles * (moves + strain(group, b, floors, about_rest=True))
         s.put(lanes, s["e_damp", b] + left, "e_damp", b)
         s.put(lanes, moves + strain(group, b, floors) - left, "e_held", b)
-    if "links" in group.requested:
-        links.conclude(group)
+    for link in group.iter_links() if "links" in group.requested else ():
+        link.link_held = link.stored("u")
 
 
 def may_change(group: Group) -> Any:

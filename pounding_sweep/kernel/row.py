@@ -13,22 +13,11 @@ from functools import reduce
 from operator import add
 from typing import Any
 
-from pounding_sweep.kernel.group import Contact, Element, Group, Part, Storey, signed_sum
+from pounding_sweep.kernel.group import Contact, Element, Group, Instant, Part, Storey, signed_sum
 from pounding_sweep.lanes import fma
 
 #: Forces on a degree of freedom, each after its sign: 1 to the right, -1 to the left.
 Forces = Sequence[tuple[int, Any]]
-
-
-def _shared(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
-    """Return w = x + beta y, of whose stretch the force of a storey is a share, dampers of Rayleigh's included."""
-    w = list(x)
-    for b, places, _, elements in part.blocks:
-        floors = [element for element in elements if isinstance(element, Storey)]
-        if len(floors) > 1 and any(storey.is_plain for storey in floors):  # a single one is damped by mass alone
-            for p in places:
-                w[p] = fma(group.prop("beta", b), y[p], x[p])
-    return w
 
 
 def accelerations(
@@ -36,7 +25,7 @@ def accelerations(
     part: Part,
     x: Sequence[Any],
     y: Sequence[Any],
-    ground: Any,
+    ground: Instant | None,
     push: Sequence[Forces],
     constant: bool = True,
     loads: bool = False,
@@ -46,16 +35,19 @@ def accelerations(
     They are relative to the ground, whose acceleration is `ground`; None: total ones.
     """
     forces: list[list[tuple[int, Any]]] = [[] for _ in part.dofs]
-    w = _shared(group, part, x, y)
-    for block in part.blocks:
-        for element in block.elements:
+    w = list(x)  # x + beta y, of whose stretch the force of a storey is a share; a single one has no beta
+    for b, places, _, elements in part.blocks:
+        if len(elements) > 1 and any(isinstance(element, Storey) and element.is_plain for element in elements):
+            for p in places:
+                w[p] = fma(group.prop("beta", b), y[p], x[p])
+        for element in elements:
             for p, sign, force in element.on_ends(element.force(x, y, w, constant)):
                 forces[p].append((sign, force))
     result: list[Any] = [None] * len(part.dofs)
     for b, places, on_ground, _ in part.blocks:
         for p in places:
             i, net = part.dofs[p], signed_sum([*forces[p], *(push[p] if push else ())])
-            drag = None if ground is None or group.rocks(i) else ground
+            drag = None if ground is None or group.rocks(i) else ground(b)
             if on_ground:
                 alpha = group.prop("alpha", b)
                 drag = alpha * y[p] if drag is None else fma(alpha, y[p], drag)
@@ -95,7 +87,7 @@ class Pushes:
         return [self._signed.get(i, ()) for i in dofs] if self._signed else ()
 
 
-def powers(group: Group, part: Part, y: Sequence[Any], ground: Any) -> list[tuple[Any, Any]]:
+def powers(group: Group, part: Part, y: Sequence[Any], ground: Instant) -> list[tuple[Any, Any]]:
     """Powers (kW) of the ground and of damping on each building, at the velocities y."""
     result = []
     for b, places, on_ground, elements in part.blocks:
@@ -104,7 +96,7 @@ def powers(group: Group, part: Part, y: Sequence[Any], ground: Any) -> list[tupl
         damped = [element.lost(y) for element in elements]
         if on_ground:
             damped.insert(0, group.prop("alpha", b) * reduce(add, [m * v * v for m, v in moving]))
-        result.append((-ground * momentum, reduce(add, damped)))
+        result.append((-ground(b) * momentum, reduce(add, damped)))
     return result
 
 
@@ -128,12 +120,12 @@ def iter_powers(contact: Contact, force: Any, y: Any) -> Iterator[tuple[Any, Any
         yield contact.group.home_of(floor)[2], (-pushed if sign > 0 else pushed) * contact.group.floor(y, floor)
 
 
-def put_accelerations(group: Group, name: str, x: Any, y: Any, ground: Any = None, rates: bool = False) -> None:
+def put_accelerations(group: Group, name: str, x: Any, y: Any, at: Instant | None = None, rates: bool = False) -> None:
     """Find accelerations of displacements x and velocities y without contacts, as `accelerations` does, in rows."""
     # x and y are names of rows or functions of floors; of `rates`, the accelerations' rates are found
     for part in group.iter_parts():
         xs, ys = ([group.floor(values, i) for i in part.dofs] for values in (x, y))
-        for i, a in zip(part.dofs, accelerations(group, part, xs, ys, ground, (), not rates), strict=True):
+        for i, a in zip(part.dofs, accelerations(group, part, xs, ys, at, (), not rates), strict=True):
             group.state[name, i] = a
     for link in group.iter_links():  # the ground's acceleration is the same on both sides
         _accelerate(group, name, link, link.force(x, y))

@@ -17,7 +17,7 @@ import numpy as np
 
 from pounding_sweep.kernel import bouc_wen, collapse, forces, hysteresis, links, march, transfers
 from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, PRESSING, REBOUND, SLACK
-from pounding_sweep.kernel.group import Contact, Element, Group, Spring, Storey
+from pounding_sweep.kernel.group import Contact, Element, Group, Instant, Spring, Storey
 from pounding_sweep.kernel.peaks import followed, take_extremes
 from pounding_sweep.kernel.roots import NEVER, Series, newton, tangents, turn
 from pounding_sweep.kernel.row import Pushes, accelerations, iter_powers, powers
@@ -96,16 +96,15 @@ def substep(group: Group, h: Any) -> None:
 
 def _expand_row(group: Group, contacts: bool) -> None:
     """Find the coefficients of all floors, and if need be of contacts' penetrations and forces."""
-    s = group.state
     inverse = Lookup([1.0 / (k + 1.0) for k in range(group.spec.series)])
-    ground = Cell(s["g1"] - s["g0"])
-    _expand_term(group, contacts, 0, s["g0"], inverse)
+    rises = group.cell(1.0)
+    _expand_term(group, contacts, 0, group.ground.at(0.0), inverse)
     for q in count_to(group.spec.series - 1):  # written out for each, it would not fit into caches
-        _expand_term(group, contacts, q + 1, ground.now, inverse)
-        ground.now = group.full(0.0)
+        _expand_term(group, contacts, q + 1, lambda b: rises.now * group.ground.rise(b), inverse)
+        rises.now = 0.0
 
 
-def _expand_term(group: Group, contacts: bool, k: Any, ground: Any, inverse: Lookup) -> None:
+def _expand_term(group: Group, contacts: bool, k: Any, ground: Instant, inverse: Lookup) -> None:
     """Find coefficient k + 1 of all floors from coefficient k of displacements, and of velocities in ``y``."""
     x, push = _Term(group, k), Pushes(group)
     for contact in group.iter_contacts(straight=True) if contacts else ():
@@ -644,9 +643,8 @@ def _integrate(group: Group) -> None:
             z = _drift(storey, storey.drift("u0"), 1.0).value(t) - slip
             storey.travel = fma(weight * per, rate * (z / storey.yield_drift), storey.travel)
         if "energy" in r:
-            ground = fma(t, s["g1"] - s["g0"], s["g0"])
             for part in group.iter_parts():
-                gains = powers(group, part, [s["y", i] for i in part.dofs], ground)
+                gains = powers(group, part, [s["y", i] for i in part.dofs], group.ground.at(t))
                 for (b, *_), (gained, damped) in zip(part.blocks, gains, strict=True):
                     s["e_in", b] = fma(weight, gained, s["e_in", b])
                     s["e_damp", b] = fma(weight, damped, s["e_damp", b])
@@ -708,12 +706,12 @@ def _take_links(group: Group) -> None:
 
 def _take_accelerations(group: Group) -> None:
     """Take the total accelerations of all floors over the step."""
-    s, per = group.state, _per(group)
+    per = _per(group)
     for i in group.indices(group.spec.n_dof, straight=False):
-        bend = _floor(group, i).rate.rate
+        bend, b = _floor(group, i).rate.rate, group.home_of(i)[2]
 
-        def total(k: int, bend: Series = bend) -> Any:
+        def total(k: int, bend: Series = bend, b: Any = b) -> Any:
             coefficient = bend.read(k) * (per * per)
-            return coefficient + (s["g0"], s["g1"] - s["g0"])[k] if k < 2 else coefficient
+            return coefficient + (group.ground.at(0.0), group.ground.rise)[k](b) if k < 2 else coefficient
 
         _take_size(group, "acc", i, Series(total, bend.order))

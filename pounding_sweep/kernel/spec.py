@@ -275,9 +275,7 @@ class KernelSpec:
         groups: list[list[int]] = []
         for b in range(self.n_buildings):
             groups.append([*(groups.pop() if b - 1 in joined else ()), b])
-        floors = [[i for i, b in enumerate(self.building_of) if b in group] for group in groups]
-        bases = [[i for b in group for i in self.base(b) or ()] for group in groups]
-        return [[*above, *below] for above, below in zip(floors, bases, strict=True)]
+        return [[i for i, b in enumerate(self.building_of) if b in group] for group in groups]
 
     @property
     def n_dof(self) -> int:
@@ -310,10 +308,6 @@ class KernelSpec:
         smooth = dict(self.smooth)
         return tuple(i for i in self.yielding if i not in smooth)
 
-    def home(self, b: int) -> int:
-        """Lowest floor of a building."""
-        return self.floors[b][0]
-
     def base(self, b: int) -> tuple[int, int] | None:
         """Sway and rocking of a building's foundation; None where it has none."""
         if b not in self.foundations:
@@ -329,15 +323,12 @@ class KernelSpec:
 
     def contact_ends(self, j: int) -> Ends:
         """Return the ends of a contact: floors that meet, or those of a storey whose columns are struck; no wall."""
-        dofs, kinds = list[int](), list[tuple[int, str]]()
+        ends: list[tuple[int, tuple[int, str]]] = []
         for side, (floor, sign) in enumerate(zip(self.contacts[j], (1, -1), strict=False)):
-            if self.struck and self.struck[j] == side:
-                dofs += [floor] if self.bottom[floor] else [floor - 1, floor]
-                kinds += [(sign, "upper")] if self.bottom[floor] else [(sign, "lower"), (sign, "upper")]
-            elif floor >= 0:
-                dofs.append(floor)
-                kinds.append((sign, ""))
-        return tuple(dofs), tuple(kinds)
+            struck = bool(self.struck) and self.struck[j] == side
+            ends += [(floor - 1, (sign, "lower"))] if struck and not self.bottom[floor] else []
+            ends += [(floor, (sign, "upper" if struck else ""))] if floor >= 0 else []
+        return tuple(floor for floor, _ in ends), tuple(kind for _, kind in ends)
 
     @cached_property
     def floors(self) -> list[list[int]]:
@@ -348,7 +339,8 @@ class KernelSpec:
     @cached_property
     def building_of(self) -> list[int]:
         """Building of each degree of freedom."""
-        return [b for b, n in enumerate(self.storeys) for _ in range(n)]
+        floors = [b for b, n in enumerate(self.storeys) for _ in range(n)]
+        return floors + [b for b in self.foundations for _ in range(2)]
 
     @cached_property
     def bottom(self) -> list[bool]:

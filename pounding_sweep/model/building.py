@@ -376,11 +376,6 @@ class Building:
             stiff[[-2, -1], [-2, -1]] += self.foundation.stiffnesses
         return stiff
 
-    @property
-    def flexibilities(self) -> list[float]:
-        """Displacements of floors under a unit force on each (m/kN)."""
-        return np.diag(np.linalg.inv(self.stiffness_matrix))[: self.n_storeys].tolist()
-
     @cached_property
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
         """Circular frequencies (rad/s), rising, and mass-normalised mode shapes (t^-1/2) in columns."""

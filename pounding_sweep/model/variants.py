@@ -121,7 +121,7 @@ class Variants:
     stiffnesses = _scaled(lambda building: building.lateral_stiffnesses, mass=1, period=2)
     geometric_stiffnesses = _scaled(lambda building: building.geometric_stiffnesses, mass=1)
     #: Displacements of floors under a unit force on each (m/kN).
-    flexibilities = _scaled(lambda building: building.flexibilities, mass=-1, period=-2)
+    flexibilities = _scaled(lambda b: [*np.linalg.inv(b.stiffness_matrix).diagonal()[: b.n_storeys]], -1, -2)
     #: Yield strengths (kN), infinite where storeys never yield, and dashpots of storeys (kN s/m).
     yield_strengths = _scaled(lambda b: b.yield_strengths or (math.inf,) * b.n_storeys, mass=1, strength=1)
     dashpots = _scaled(lambda b: b.dashpots or (0.0,) * b.n_storeys, mass=1, period=1)

@@ -1,7 +1,4 @@
-"""Exact flight between contacts (Nigam & Jennings 1969), series or Runge-Kutta beside them.
-
-Its scenarios take turns in the lanes: `pounding_sweep.kernel.turns`.
-"""
+"""Exact flight between contacts (Nigam & Jennings 1969), series or Runge-Kutta beside them."""
 
 from __future__ import annotations
 

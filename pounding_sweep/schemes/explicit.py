@@ -57,9 +57,8 @@ class Explicit(Scheme):
         """
         # Sums are of powers (``din``, ``ddamp``), works, impulses and energies given (``gain``); floors that rest on
         # each other are given one acceleration if `joins`.
-        s, requested, spec, g0, g1 = group.state, group.requested, group.spec, group.state["g0"], group.state["g1"]
-        grounds = {0.0: g0, 0.5: 0.5 * (g0 + g1), 1.0: g1}
-        grounds |= {c: fma(c, g1 - g0, g0) for c, _ in self.nodes if c not in grounds}
+        s, requested, spec = group.state, group.requested, group.spec
+        grounds = {place: group.ground.at(float(place)) for place, _ in self.nodes}
         rows, flow = part is None, bouc_wen.Flow(group) if spec.smooth else None
         floors = [] if part is None else part.dofs
         m: Any = s if rows else {(name, p): s[name, i] for p, i in enumerate(floors) for name in ("u0", "v0")}

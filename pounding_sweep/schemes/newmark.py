@@ -336,7 +336,7 @@ class Newmark(Scheme):
             x, y = [fma(pu, a[p], fma(h, v[p], u[p])) for p in every], [fma(pv, a[p], v[p]) for p in every]
             push = Pushes(group, rows=False)
             push.add_links(x, y)
-            loads = accelerations(group, part, x, y, s["g1"], push.on(every), loads=True)
+            loads = accelerations(group, part, x, y, group.ground.at(1.0), push.on(every), loads=True)
             ends = _solve_row(group, part, be, gg, loads)
             after = [fma(be, ends[p], x[p]) for p in every], [fma(gg, ends[p], y[p]) for p in every], ends
             for name, old, new in zip("uva", before, after, strict=True):
@@ -351,8 +351,8 @@ class Newmark(Scheme):
         s = group.state
         h6 = s["h"] * (1.0 / 6.0)
         for part in group.iter_parts() if "energy" in group.requested else ():
-            early = powers(group, part, [s["v0", i] for i in part.dofs], s["g0"])
-            late = powers(group, part, [s["v", i] for i in part.dofs], s["g1"])
+            early = powers(group, part, [s["v0", i] for i in part.dofs], group.ground.at(0.0))
+            late = powers(group, part, [s["v", i] for i in part.dofs], group.ground.at(1.0))
             for (b, *_), first, last in zip(part.blocks, early, late, strict=True):
                 for name, x0, x1 in zip(("e_in", "e_damp"), first, last, strict=True):
                     s[name, b] = fma(h6, 3.0 * (x0 + x1), s[name, b])
@@ -363,11 +363,11 @@ class Newmark(Scheme):
             links.add_powers(group, "u", "v", 3.0, first=False)
             links.record(group, h6)
 
-    def balance(self, group: Group, lanes: Any, end: str = "1") -> None:
-        """Find the accelerations at the end of a step by the equation of motion; at its start ("0") no contacts act."""
+    def balance(self, group: Group, lanes: Any, end: float = 1.0) -> None:
+        """Find the accelerations at the end of a step by the equation of motion; at its start (0.0) no contacts act."""
         s = group.state
-        put_accelerations(group, "alone", "u", "v", s[f"g{end}"])
-        if end == "1" and group.spec.located and group.touching and not group.spec.impulsive:
+        put_accelerations(group, "alone", "u", "v", group.ground.at(end))
+        if end == 1.0 and group.spec.located and group.touching and not group.spec.impulsive:
 
             def force(contact: Contact) -> Any:
                 k, d, v = contact.k_active, contact.penetration(), contact.between("v")
@@ -407,7 +407,7 @@ class Newmark(Scheme):
                 if contact.law.shape.yields:
                     slip(contact, rebounds, contact.penetration())
             with when_any(stiff):
-                self.balance(group, stiff, end="0")
+                self.balance(group, stiff, end=0.0)
                 for i in group.indices(group.spec.n_moving):
                     s.put(stiff, s["a", i], "a0", i)
 
