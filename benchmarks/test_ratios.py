@@ -13,6 +13,7 @@ from benchmarks.start import first_run_ratio
 from benchmarks.suite import SHORT_SIZES, SIZES, measure_sizes
 from benchmarks.tasks import task_overhead
 from benchmarks.timing import medians
+from benchmarks.trade import KINDS, dearest_of_less
 from benchmarks.yielding import runner, weakened
 from pounding_sweep.engine.compile import compiling_seconds
 
@@ -40,6 +41,13 @@ def test_little_is_done_around_kernels(within):
 def test_the_first_run_with_an_accuracy_takes_little_longer(within):
     """Kernels in double precision are compiled where a scenario needs one."""
     within(first_run_ratio, 1.3)
+
+
+@pytest.mark.parametrize(
+    "kind", [*list(KINDS)[:1], *(pytest.param(k, marks=pytest.mark.slow) for k in list(KINDS)[1:])]
+)
+def test_less_accuracy_never_costs_more(kind, within):
+    within(lambda: dearest_of_less(kind), 1.1)
 
 
 @pytest.mark.parametrize("axis", [name for name in AXES if name != "gap"])

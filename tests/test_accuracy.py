@@ -125,6 +125,12 @@ def test_smaller_errors_cost_more():
     assert costs[4] > 1.5 * costs[2]
 
 
+def test_the_loosest_accuracies_begin_with_the_same_steps():
+    loosest, loose = (make(accuracy=accuracy).plan() for accuracy in (1e-1, 1e-2))
+    assert (loosest.numerics, loosest.steps.tolist()) == (loose.numerics, loose.steps.tolist())
+    assert "0.1: exact float32" in loosest.choice
+
+
 def test_the_cube_says_what_was_chosen(tmp_path):
     out = tmp_path / "out.nc"
     sweep = make(accuracy=1e-3, laws=["linear", "kelvin_voigt", "none"])

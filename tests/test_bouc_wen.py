@@ -285,8 +285,8 @@ def test_central_differences_are_refused():
         ps.Sweep(SMOOTH, motion(11), "linear", method="central_difference")
 
 
-@pytest.mark.parametrize(("law", "method"), [("linear", "exact"), ("hertz", "rk4")])
-def test_an_accuracy_takes_exact_where_it_goes_by_series(law, method):
-    """Its errors in stages, beside such storeys, were not measured."""
-    sweep = ps.Sweep(SMOOTH, motion(11), law, stiffnesses=2e6, accuracy=1e-5, precision="float64")
-    assert sweep.plan().numerics.method == method
+@pytest.mark.parametrize("law", ["linear", "hertz"])
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-5])
+def test_an_accuracy_takes_exact_by_series_and_by_stages_all_along(law, accuracy):
+    """It costs least: `rk4` takes 1.5 to 4 times as long."""
+    assert ps.Sweep(SMOOTH, motion(11), law, stiffnesses=2e6, accuracy=accuracy).plan().numerics.method == "exact"

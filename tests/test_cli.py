@@ -269,7 +269,7 @@ def test_plan_says_what_an_accuracy_takes(tmp_path):
     assert (numbers["accuracy"], numbers["method"] in said, "kelvin_voigt" in str(numbers)) == (1e-4, True, True)
     write(tmp_path, TINY)
     assert re.search("^accuracy +0.001: rk4 float", cli("plan", sweep, "--accuracy", "1e-3").stdout, re.MULTILINE)
-    assert "accuracy is 1.0; it must be in [1e-06, 0.01]" in bad("plan", sweep, "--accuracy", "1")
+    assert "accuracy is 1.0; it must be in [1e-06, 0.1]" in bad("plan", sweep, "--accuracy", "1")
 
 
 def test_run_prints_a_summary_and_the_path(tiny):

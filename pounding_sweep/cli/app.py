@@ -222,7 +222,7 @@ class SweepOptions:
     laws: list[str] | None = option(
         "LAW", "Contact law in place of the file's, or FILE.py:NAME; may be repeated.", "--law"
     )
-    accuracy: float | None = option("ERROR", "Relative error, 1e-2 to 1e-6, in place of the file's step.")
+    accuracy: float | None = option("ERROR", "Relative error, 1e-1 to 1e-6, in place of the file's step.")
     folders: Folders = None
     skip_missing: SkipMissing = False
 

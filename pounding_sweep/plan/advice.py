@@ -27,7 +27,7 @@ from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.plan.scenarios import Scenarios, stable_steps
 from pounding_sweep.records import Record
-from pounding_sweep.request.spec import PRECISIONS, SweepSpec, seconds_of_rest, step_fault
+from pounding_sweep.request.spec import DEFAULT_ACCURACY, PRECISIONS, SweepSpec, seconds_of_rest, step_fault
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.variables.registry import CLASSES, check_outputs, reducers_for
@@ -136,10 +136,10 @@ CONTACT_MARGIN = 1.25
 #: Short exact steps in half a period of the highest mode where `refinement` is 1: those of Runge-Kutta where floors
 #: meet.
 EXACT_STEPS = 4.0
-#: Steps in a record interval that series of storeys of Bouc and Wen cost as much as: kinks end them, not steps.
-KINKED_STEPS = 7.0
 #: Relative error beyond which steps are too long for their errors to follow the order of a scheme.
 ORDERLY = 2e-3
+#: Relative error beyond which steps grow no longer: more scenarios would be refined, at a greater cost.
+COARSEST = 1e-2
 #: Part of what is allowed within which a scenario begins: to begin finer costs less than to be refined.
 EARLY = 0.6
 #: Relative error below which that of single precision may be one of rounding: penetrations of stiff contacts are small
@@ -272,9 +272,9 @@ class Demand:
             start = EARLY * self.accuracy * (SCHEMES[method].leeway if ordered else 1.0)
             pairs = [(curve.needed(self.accuracy), curve.needed(start)) for curve in curves]
             most = max(pair[0] if math.inf in pair else pair[1] for pair in pairs)
-            # steps by series hardly err: it is flight that decides
+            # steps by series hardly err: it is flight that decides, but the longest lose all digits of single precision
             if kernel_shape(spec.scene, law, Numerics(method, 1.0, precision=precision), ()).series:
-                most = max(most, 0.5 * flight_refinement(self.accuracy))
+                most = max(most, 0.5 * flight_refinement(min(self.accuracy, DEFAULT_ACCURACY)))
             if law in self.laws:
                 need[law.key] = max(most, of_bumpers) if law.has_contact else most
             else:
@@ -331,7 +331,6 @@ class Demand:
                 numerics = Numerics(method, record.dt / count, refinement=refinement)
                 kernel = RowKernel(self.spec.scene, self.laws[-1], numerics, reducers_for(self.spec.outputs))
                 interval_steps = kernel.flight_substeps(record, self.variants[self.table.variant[rows]])
-                interval_steps = np.maximum(interval_steps, KINKED_STEPS * any(self.spec.scene.smooth))
             total += (record.n_points - 1) * float((interval_steps * self.repeats[rows]).sum())
         return total * self.spec.scene.n_dof * nanoseconds * 1e-9
 
@@ -361,10 +360,6 @@ def advise(demand: Demand) -> Choice:
         fits = spec.method in (None, method) and precision in formats
         if not fits or SCHEMES[method].refuses(spec.scene, precision) is not None:
             continue
-        numerics = Numerics(method, 1.0, precision=precision)
-        shapes = [kernel_shape(spec.scene, law, numerics, ()) for law in demand.laws if any(spec.scene.smooth)]
-        if any(shape.by_series and not (shape.flies_exactly or shape.series) for shape in shapes):
-            continue  # its errors where it goes by stages all along were not measured
         need, (error, law) = demand.needs(measured, scheme)
         if max(need.values()) == math.inf:
             reached.append(f"{' '.join(scheme)} reaches {error:.2g} with law {law}")
@@ -392,7 +387,7 @@ def advise(demand: Demand) -> Choice:
     number = f"{low if low == high else f'{low} to {high}'} step{'s' * (high > 1)}"
     laws = (*spec.user_laws, *(bumper.law for bumper in spec.scene.bumpers))
     numbers = {
-        "accuracy": demand.accuracy,
+        "accuracy": spec.accuracy,
         "method": method,
         "precision": precision,
         "steps_per_record_interval": [low, high],
@@ -404,6 +399,6 @@ def advise(demand: Demand) -> Choice:
     }
     largest = float((interval / uncoupled.min(axis=1)).max())
     settings = (spec.locate, spec.beta, spec.gamma, precision, _refinement(method, need))
-    sentence = f"{demand.accuracy:g}: {' '.join(scheme)}, {number} per record interval to begin with{more}"
+    sentence = f"{spec.accuracy:g}: {' '.join(scheme)}, {number} per record interval to begin with{more}"
     numerics = Numerics(method, largest, *settings, seconds_of_rest(demand.spec.rest))
     return Choice(numerics, steps, uncoupled, sentence, numbers)

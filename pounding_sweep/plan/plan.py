@@ -21,7 +21,7 @@ from pounding_sweep.engine.row_kernel import REST_PERIODS, SMALL_MOTION, Numeric
 from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.plan.advice import Choice, Demand, advise
+from pounding_sweep.plan.advice import COARSEST, Choice, Demand, advise
 from pounding_sweep.plan.scenarios import (
     Chunk,
     Scenarios,
@@ -361,7 +361,9 @@ def _choose(
         spec = with_accuracy(spec, DEFAULT_ACCURACY)
     if spec.accuracy is not None:
         try:
-            return spec, advise(Demand(spec, spec.accuracy, laws, table, repeats, variants, initial_speed))
+            return spec, advise(
+                Demand(spec, min(spec.accuracy, COARSEST), laws, table, repeats, variants, initial_speed)
+            )
         except SweepError as error:
             if not is_open:
                 raise

@@ -31,7 +31,7 @@ METHODS = tuple(SCHEMES)
 #: Number formats of the kernels.
 PRECISIONS = ("float64", "float32")
 #: Range of the relative error that ``accuracy`` may ask for, and that of sweeps which name no scheme and no step.
-ACCURACY_RANGE, DEFAULT_ACCURACY = (1e-6, 1e-2), 1e-3
+ACCURACY_RANGE, DEFAULT_ACCURACY = (1e-6, 1e-1), 1e-3
 #: Time step (s) where neither a step nor an accuracy is given, or no accuracy can be kept.
 DEFAULT_STEP = 1e-3
 #: Share of a sweep's own cost that its audit may take, by default.
