@@ -21,6 +21,7 @@ _HOME = {
         "model.presets": "base_isolated get_preset",
         "model.scene": "Bumper ContactProperties Link Scene Wall",
         "output.netcdf": "open_cube",
+        "pages.report": "report",
         "pages.view": "view",
         "records": "Record find_record list_records near_fault_record pulse_record read_record synthetic_record",
         "run.simulate": "simulate",
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from pounding_sweep.model.presets import base_isolated, get_preset
     from pounding_sweep.model.scene import Bumper, ContactProperties, Link, Scene, Wall
     from pounding_sweep.output.netcdf import open_cube
+    from pounding_sweep.pages.report import report
     from pounding_sweep.pages.view import view
     from pounding_sweep.records import (
         Record,

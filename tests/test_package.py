@@ -33,7 +33,7 @@ DATA = {
     "data/converged.json",
     *(f"data/mate2015/table{number}.csv" for number in (3, 4, 5, 6)),
     "data/measured.json",
-    *(f"pages/{name}.html.j2" for name in ("base", "macros")),
+    *(f"pages/{name}.html.j2" for name in ("base", "macros", "report")),
     "paper/report.html.j2",
     *(f"pages/view.{ending}" for ending in ("html.j2", "css", "js")),
 }

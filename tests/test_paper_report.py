@@ -7,11 +7,11 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from html_page import Page
 from paper_study import along, histories, make_study, outputs
 from scenes import call
 
@@ -23,29 +23,6 @@ from pounding_sweep.paper.study import READINGS, scenario, sweep_of, thin_out
 
 #: Eight bytes that begin every PNG file.
 PNG = b"\x89PNG\r\n\x1a\n"
-
-
-class Page(HTMLParser):
-    """What a page loads, links to and says, and whether its tags match."""
-
-    def __init__(self, path):
-        super().__init__()
-        self.loaded, self.open, self.text, self.tables = [], [], [], 0
-        self.feed(path.read_text(encoding="utf-8"))
-        self.words = " ".join("".join(self.text).split())
-        assert self.open == []
-
-    def handle_starttag(self, tag, attrs):
-        self.loaded += [value for key, value in attrs if key in ("src", "href", "srcset", "data", "action", "poster")]
-        self.tables += tag == "table"
-        if tag not in ("meta", "img", "br"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.text.append(data)
 
 
 @pytest.fixture(scope="module")

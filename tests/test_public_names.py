@@ -40,6 +40,7 @@ CALLS = {
     "Sweep.run": "(self, out=None, *, scheduler='threads', workers=None, overwrite=False, progress=None, extend=None)",
     "load_sweep": "(path, *, skip_missing_records=False, folders=None)",
     "open_cube": "(path)",
+    "report": "(cube, path, *, title=None, folders=None)",
     "view": "(cube, out=None, *, at=None, names=None)",
     "tradeoff": "(sweep, *, steps=(0.005, 0.0025, 0.001, 0.0005, 0.00025))",
 }
@@ -55,6 +56,7 @@ COMMANDS = {
     "export": "cube -o --output --var --at --overwrite",
     "merge": "cubes -o --output --tolerance --overwrite",
     "compare": "cube --what -o --output --reference --event --level --records --json",
+    "report": "cube -o --output --at --title --event --level --hazard --cd --ie --q --r --records",
     "simulate": "sweep -o --output --law --gap --stiffness --stiffness-factor --restitution --record --scale --case "
     "--at --output-step",
     "animate": "sweep -o --output --start --end --frames --speed",

@@ -5,11 +5,22 @@ from __future__ import annotations
 import csv
 import itertools
 import os
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.analysis.comparisons import COMPARISONS, EVENTS, MOTION_DIMS, Row, compared, get_event, table_rows
+from pounding_sweep.analysis.comparisons import (
+    COMPARISONS,
+    EVENTS,
+    MOTION_DIMS,
+    NOTES,
+    Row,
+    compared,
+    get_event,
+    split_constant,
+    table_rows,
+)
 from pounding_sweep.base.errors import InputError, check_choice
 from pounding_sweep.base.text import finite, number_text, print_json, print_pairs, print_table, terminal_width
 from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, axis_values, command, flag, option, output, say
@@ -29,25 +40,17 @@ _COMMON = ("cube", "what", "out", "overwrite", "at", "over", "hazard_units", *_F
 
 
 @dataclass
-class CompareOptions:
-    """What is compared, and how."""
+class InputOptions:
+    """What comparisons take, beside the cube."""
 
     cube: CubeFile
-    what: list[str] | None = option(
-        "COMPARISON",
-        f"One of: {', '.join(COMPARISONS)}; repeat for several. By default a summary of all that the cube allows.",
-    )
-    out: Path | None = output("FOLDER", "Write tables (CSV), results (netCDF), figures.")
-    overwrite: bool = flag("--overwrite", "Replace tables and results that exist in FOLDER; figures always are.")
+    at: At = None
     reference: str | None = option("LAW", "Law that the others are compared with.")
     event: str | None = option("EVENT", f"Of the fragility: {', '.join(EVENTS)}; touch by default.")
     level: str | None = option("X", "What the event must exceed, in its own unit; of a drift ratio 0.01 or 1%.")
     one_dispersion: list[str] | None = option(
         "AXIS", "Of the fragility: one dispersion for all curves along this axis, such as gap: they don't cross."
     )
-    at: At = None
-    over: list[str] | None = option("AXIS", "Take all values of record, scale or pga together in tables.")
-    quantiles: list[float] | None = option("Q", "Fractile of the values, 0 to 1; repeat for several.", "--quantile")
     probabilities: list[str] | None = option(
         "P", "Probability of touching: 0.01 or 1%; repeat for several.", "--probability"
     )
@@ -71,19 +74,13 @@ class CompareOptions:
     r: list[str] | None = option("[BUILDING=]X", "IS 1893: R, only if the motion was divided by it; 1 by default.")
     folders: Folders = None
 
-    def checked(self) -> tuple[list[str], dict[str, Any]]:
-        """Return the keys of the comparisons, and their arguments; raises `InputError` for options that won't do."""
+    def arguments(self, keys: Collection[str]) -> dict[str, Any]:
+        """Return the arguments of these comparisons; raises `InputError` for options that won't do."""
         from pounding_sweep.analysis.comparisons.gaps import read_factors
         from pounding_sweep.analysis.hazard import hazard_of
         from pounding_sweep.analysis.rebuild import check_intensity
         from pounding_sweep.analysis.scenarios import INTERVALS, numbers_in
-        from pounding_sweep.output.netcdf import check_output
 
-        keys = list(dict.fromkeys(self.what or COMPARISONS))
-        for name in keys:
-            check_choice("comparison", name, COMPARISONS)
-        for name in self.over or ():
-            check_choice("axis to take together", name, MOTION_DIMS)
         options = {name: value for name, value in vars(self).items() if value is not None}
         arguments = {name: value for name, value in options.items() if name not in _COMMON}
         if factors := {name: options[name] for name in _FACTORS if name in options}:
@@ -109,18 +106,52 @@ class CompareOptions:
             arguments["hazard"] = hazard_of(self.hazard, self.hazard_units)
         if "fragility" in keys:
             get_event(self.event or "touch", self.level)
+        return arguments
+
+
+@dataclass
+class CompareOptions(InputOptions):
+    """What is compared, and how."""
+
+    what: list[str] | None = option(
+        "COMPARISON",
+        f"One of: {', '.join(COMPARISONS)}; repeat for several. By default a summary of all that the cube allows.",
+    )
+    out: Path | None = output("FOLDER", "Write tables (CSV), results (netCDF), figures.")
+    overwrite: bool = flag("--overwrite", "Replace tables and results that exist in FOLDER; figures always are.")
+    over: list[str] | None = option("AXIS", "Take all values of record, scale or pga together in tables.")
+    quantiles: list[float] | None = option("Q", "Fractile of the values, 0 to 1; repeat for several.", "--quantile")
+
+    def checked(self) -> tuple[list[str], dict[str, Any]]:
+        """Return the keys of the comparisons, and their arguments; raises `InputError` for options that won't do."""
+        from pounding_sweep.output.netcdf import check_output
+
+        keys = list(dict.fromkeys(self.what or COMPARISONS))
+        for name in keys:
+            check_choice("comparison", name, COMPARISONS)
+        for name in self.over or ():
+            check_choice("axis to take together", name, MOTION_DIMS)
+        arguments = self.arguments(keys)
         for path in (self.out / f"{key}{suffix}" for key in keys for suffix in (".csv", ".nc")) if self.out else ():
             if os.path.exists(path):  # Path.exists raises where the folder can't be read
                 check_output(path, self.overwrite, netcdf=path.suffix == ".nc")
         return keys, arguments
 
 
-#: Attributes of results that are told above their tables.
-_NOTES = (
-    *("answer", "counted", "reference_law", "realised_basis", "largest_residual_relative", "over", "event_in_words"),
-    *("intensity", "no_fractiles", "advice", "equal_along", "one_dispersion", "curves_cross", "hazard", "years"),
-    *("confidence", "factors", "falls"),
-)
+@command("report")
+def report_command(
+    options: InputOptions,
+    out: Path = output("REPORT.html", "The page; replaced if it exists.", default=...),
+    title: str | None = option("TEXT", "Title in place of the cube's."),
+) -> None:
+    """Write the report of a cube, one HTML page: row, motions, gaps, forces, fragility, errors."""
+    from pounding_sweep.output.netcdf import open_cube
+    from pounding_sweep.output.select import select
+    from pounding_sweep.pages.report import report
+
+    arguments = options.arguments(COMPARISONS)
+    with open_cube(options.cube) as cube:
+        print(report(select(cube, axis_values(options.at)), out, title=title, **arguments))
 
 
 @command("compare")
@@ -227,7 +258,7 @@ def _print(report: dict[str, dict[str, Any]], cube: Path, *, summary: bool) -> N
     for number, (key, part) in enumerate(possible.items()):
         print("\n" * (summary or number > 0) + f"{key}: {part['title']}")
         rows = part["lead"][: MOST_ROWS if summary else None]
-        for name in _NOTES:
+        for name in NOTES:
             if part["attributes"].get(name):
                 print(f"  {name.replace('_', ' ')}: {_cell(part['attributes'][name])}")
         if rows:
@@ -244,10 +275,7 @@ def _print(report: dict[str, dict[str, Any]], cube: Path, *, summary: bool) -> N
 
 def _print_rows(rows: list[Row], apart: bool = False) -> None:
     """Print a table, and above it what is the same in all rows; variables `apart` if it is wider than the terminal."""
-    columns = {name: [row.get(name) for row in rows] for name in dict.fromkeys(itertools.chain(*rows))}
-    numeric = {name for name, values in columns.items() if any(isinstance(value, int | float) for value in values)}
-    same = [n for n, values in columns.items() if len(rows) > 1 == len({*values}) and (apart or n not in numeric)]
-    headings = [name for name in columns if name not in same]
+    same, headings, numeric = split_constant(rows, numbers=apart)
     cells = [[_cell(row.get(name)) for name in headings] for row in rows]
     width = sum(max(map(len, column)) + 2 for column in zip(headings, *cells, strict=True)) - 2
     if width > terminal_width() and not apart:
@@ -255,7 +283,7 @@ def _print_rows(rows: list[Row], apart: bool = False) -> None:
             print("\n" * bool(number), end="")
             _print_rows(list(group), apart=True)
         return
-    notes = [f"{name}: {_cell(columns[name][0])}" for name in same if columns[name][0] not in (None, "-")]
+    notes = [f"{name}: {_cell(value)}" for name, value in same.items() if value not in (None, "-")]
     if notes:
         print(f"  {'; '.join(notes)}")
     print_table(headings, cells, [i for i, name in enumerate(headings) if name in numeric])

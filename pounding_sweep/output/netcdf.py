@@ -384,7 +384,7 @@ def open_cube(path: FilePath) -> xr.Dataset:
     except Exception as error:  # the libraries raise anything at a damaged file
         raise unreadable("cube", path, error) from None
     cube.set_close(dataset.close)
-    cube.encoding["source"] = str(target)
+    cube.encoding["source"] = str(target)  # as xarray names files that it opens itself
     if VERSION_ATTRIBUTE not in cube.attrs:
         cube.close()
         raise OutputError(

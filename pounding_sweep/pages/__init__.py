@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -11,6 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from pounding_sweep.base.files import replacing
+
+#: Cells that are numbers.
+_NUMBER = re.compile(r"-|[-+]?[\d.]+(e[-+]?\d+)?%?( of \d+| ms)?")
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,12 @@ class Grid:
         """Groups of the headings with their widths; none where no heading has one."""
         groups = [(group, len(list(columns))) for group, columns in groupby(self.headings, key=lambda pair: pair[0])]
         return groups if any(group for group, _ in groups) else []
+
+    @property
+    def is_text(self) -> list[bool]:
+        """Whether each column holds texts rather than numbers, which stand at the right."""
+        columns = [[row[i] for row in self.rows if row[i]] for i in range(len(self.headings))]
+        return [not all(map(_NUMBER.fullmatch, column)) for column in columns]
 
 
 def ungrouped(*texts: str) -> list[tuple[str, str]]:

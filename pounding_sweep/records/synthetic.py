@@ -153,18 +153,28 @@ A Ricker wavelet has that dominant period, and its peak at 1.5 periods.
 """
 
 
-def remade(source: str, points: int | None = None) -> Record | None:
-    """Make a record of so many points again from its source, six digits of each number; None of another source."""
+def table_of(source: str) -> dict[str, Any] | None:
+    """Return the table of a sweep file that makes a record from its source, six digits of each number; else None."""
     kind, _, text = source.partition(": ")
-    make = _MAKERS.get(kind)
-    if make is None:
+    if kind not in _KINDS:
         return None
     values: dict[str, Any] = {name: float(v) for name, v in re.findall(r"(\w+)=(-?[\d.]+(?:e[-+]\d+)?)", text)}
     if "seed" in values:
         values["seed"] = int(values["seed"])
+    key, first = _KINDS[kind]
+    return {key: values.pop(first, first), **values}
+
+
+def remade(source: str, points: int | None = None) -> Record | None:
+    """Make a record of so many points again from its source; None of another source."""
+    table = table_of(source)
+    if table is None:
+        return None
+    (key, first), *values = table.items()
+    make = partial(MAKERS[key], first, **dict(values))
     try:
-        record = make(**values)
-        return record if points in (None, record.n_points) else make(**values, duration=(points - 1) * record.dt)
+        record = make()
+        return record if points in (None, record.n_points) else make(duration=(points - 1) * record.dt)
     except (RecordError, TypeError):  # a text that this package did not write
         return None
 
@@ -288,9 +298,15 @@ def near_fault_record(
     return Record("near_fault" if name is None else name, dt, motion, source)
 
 
-#: What makes a record, by what its source begins with.
-_MAKERS: dict[str, Callable[..., Record]] = {
-    **{f"{shape} pulse": partial(pulse_record, shape) for shape in PULSES},
-    _NEAR_FAULT: near_fault_record,
-    _SYNTHETIC: synthetic_record,
+#: What makes a record, by the key of its table in a sweep file.
+MAKERS: dict[str, Callable[..., Record]] = {
+    "synthetic": synthetic_record,
+    "pulse": pulse_record,
+    "near_fault": near_fault_record,
+}
+#: That key and the first argument, or its name, by what the source of a record begins with.
+_KINDS = {
+    **{f"{shape} pulse": ("pulse", shape) for shape in PULSES},
+    _NEAR_FAULT: ("near_fault", "velocity"),
+    _SYNTHETIC: ("synthetic", "seed"),
 }

@@ -54,16 +54,9 @@ from pounding_sweep.model.presets import base_isolated, get_preset
 from pounding_sweep.model.rebound import RESTITUTION_BASES
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.records import (
-    Record,
-    find_record,
-    near_fault_record,
-    pulse_record,
-    read_record,
-    resolve_records,
-    synthetic_record,
-)
+from pounding_sweep.records import Record, find_record, read_record, resolve_records
 from pounding_sweep.records.catalogue import Folders, read_files
+from pounding_sweep.records.synthetic import MAKERS
 from pounding_sweep.request.axes import (
     AXES,
     COLUMNS,
@@ -695,9 +688,7 @@ def _named(
 RECORD_TABLES: dict[str, Callable[..., Record]] = {
     "path": read_record,
     "record": _named,
-    "synthetic": synthetic_record,
-    "pulse": pulse_record,
-    "near_fault": near_fault_record,
+    **MAKERS,
 }
 #: Keys of records that exist: the spectral acceleration that they are scaled to, and its period.
 SPECTRAL = ("sa", "sa_period")

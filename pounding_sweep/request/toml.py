@@ -8,7 +8,7 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
@@ -23,7 +23,7 @@ from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.request.axes import AXES
 from pounding_sweep.request.build import read_sweep
 from pounding_sweep.request.design import DesignTable
-from pounding_sweep.request.spec import SweepSpec, json_data, sweep_error
+from pounding_sweep.request.spec import SweepSpec, sweep_error
 
 _PACKAGE = Path(__file__).parents[1]
 #: Where the examples are: in an installed package, and beside the package in a clone.
@@ -225,10 +225,15 @@ def load_spec(
 def _value(value: Any) -> str:
     """Write a value; what is null in a list of JSON is infinite."""
     if isinstance(value, dict):
-        return f"{{ {', '.join(f'{key} = {_value(part)}' for key, part in value.items() if part is not None)} }}"
+        return f"{{ {', '.join(f'{_key(key)} = {_value(part)}' for key, part in value.items() if part is not None)} }}"
     if isinstance(value, list):
         return f"[{', '.join(map(_value, value))}]"
     return "inf" if value is None else json.dumps(value, ensure_ascii=False)
+
+
+def _key(name: str) -> str:
+    """Write a key, quoted if it must be."""
+    return name if re.fullmatch(r"[\w-]+", name, re.ASCII) else _value(name)
 
 
 def _lines(table: dict[str, Any], place: str = "") -> Iterator[str]:
@@ -236,20 +241,30 @@ def _lines(table: dict[str, Any], place: str = "") -> Iterator[str]:
     parts = {
         key: value for key, value in table.items() if isinstance(value, dict) or (value and key in ("row", "cases"))
     }
-    yield from (f"{key} = {_value(table[key])}" for key in table if key not in parts and table[key] not in (None, []))
+    yield from (
+        f"{_key(key)} = {_value(table[key])}" for key in table if key not in parts and table[key] not in (None, [])
+    )
     for key, value in parts.items():
         for part in value if isinstance(value, list) else [value]:
             yield from (
                 "",
-                f"[{place}{key}]" if part is value else f"[[{place}{key}]]",
-                *_lines(part, f"{place}{key}."),
+                f"[{place}{_key(key)}]" if part is value else f"[[{place}{key}]]",
+                *_lines(part, f"{place}{_key(key)}."),
             )
 
 
-def to_toml(spec: SweepSpec, records: list[Any]) -> str:
-    """Return the text of a sweep file that has these `records`, and law files where they were read."""
-    data = json_data(spec) | {"records": records, "laws": None}
-    if spec.cases is None:
-        data["laws"] = [os.path.abspath(law.source) if law.source else law.key for law in map(spec.law, spec.laws)]
+def to_toml(data: Mapping[str, Any], records: list[Any], sources: Mapping[str, str] | None = None) -> str:
+    """Return the text of a sweep file of a sweep as cubes store it, with these `records`, law files by key."""
+    design = data["design"]
+    laws = [(sources or {}).get(key, key) for key in data["laws"]] if data["cases"] is None or design else None
+    data = {**data, "records": records, "laws": laws}
+    if design is not None:
+        inputs: dict[str, Any] = {}
+        for item in design["inputs"]:
+            place = inputs.setdefault("building", {}).setdefault(item["building"], {}) if item["building"] else inputs
+            drawn = item["distribution"]
+            place["record" if drawn is None else AXES[item["argument"]].dimension] = drawn or {"distribution": "any"}
+        design, data["cases"] = {**design, "inputs": inputs}, None
     tables = {section: {key: data.get(name) for key, name in names.items()} for section, names in SECTIONS.items()}
-    return "\n".join(_lines({"title": spec.title, "scene": data["scene"], **tables})) + "\n"
+    parts = {"title": data["title"], "scene": data["scene"], **tables} | ({"design": design} if design else {})
+    return "\n".join(_lines(parts)) + "\n"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import inspect
+import json
+import os
 import sys
 import warnings
 from collections.abc import Iterable, Sequence
@@ -144,7 +146,7 @@ class Sweep:
         Raises
         ------
         SweepError
-            The file gives another sweep: of a design it lists the cases, and contact laws must come from files.
+            The file gives another sweep: contact laws must come from files, and a design stand alone.
         OutputError
             A file exists or can't be written.
 
@@ -158,9 +160,11 @@ class Sweep:
         True
         """
         from pounding_sweep.output.netcdf import check_output
+        from pounding_sweep.request.spec import to_json
         from pounding_sweep.request.toml import load_spec, to_toml
 
         target, records, texts = check_output(path, overwrite, netcdf=False), list[Any](), dict[Path, str]()
+        sources = {law.key: os.path.abspath(law.source) for law in self.spec.user_laws if law.source}
         for number, record in enumerate(self.spec.records, 1):
             records.append({"record": record.name, "scale": record.scale})
             with suppress(RecordError):
@@ -169,14 +173,14 @@ class Sweep:
             file = check_output(target.with_name(f"{target.stem}_record_{number}.csv"), overwrite, netcdf=False)
             texts[file] = "\n".join(["acceleration (m/s2)", *map(repr, record.acceleration.tolist())])
             records[-1] = {"path": file.name, "name": record.name, "dt": record.dt}
-        for file, text in (texts | {target: to_toml(self.spec, records)}).items():
+        for file, text in (texts | {target: to_toml(json.loads(to_json(self.spec)), records, sources)}).items():
             try:
                 with replacing(file) as temporary:
                     temporary.write_text(text, encoding="utf-8")
             except OSError as error:
                 raise WriteError(failure(f"writing {str(file)!r}", error)) from error
         if load_spec(target) != replace(self.spec, records_left_out=()):
-            raise SweepError(f"{str(target)!r} lists the cases of a design, which is not written; give it by hand")
+            raise SweepError(f"{str(target)!r} gives another sweep: of a design with further axes; list these by hand")
         return target
 
     def run(

@@ -24,6 +24,12 @@ if TYPE_CHECKING:
 MOTION_DIMS = ("record", "scale", "pga", "sa")
 #: Attributes that say of which sweep a cube is, and who made it.
 _IDENTITY = ("title", "sweep_sha256", "source", "pounding_sweep_version")
+#: Attributes of results that are shown above their tables.
+NOTES = (
+    *("answer", "counted", "reference_law", "realised_basis", "largest_residual_relative", "over", "event_in_words"),
+    *("intensity", "no_fractiles", "advice", "equal_along", "one_dispersion", "curves_cross", "hazard", "years"),
+    *("confidence", "factors", "falls"),
+)
 #: One row of a table: labels by dimension, then text or numbers; None where there is no value.
 Row = dict[str, Any]
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -369,6 +375,18 @@ def table_rows(
             if row["values"] or row.get("never touches") or row.get("touching") is not None:
                 rows.append({**about, **row, "over": pooled_text})
     return rows
+
+
+def split_constant(rows: Sequence[Row], *, numbers: bool) -> tuple[Row, list[str], set[str]]:
+    """Return what is the same in all of several rows, `numbers` too, the other columns, and which hold numbers."""
+    columns = {name: [row.get(name) for row in rows] for name in dict.fromkeys(itertools.chain(*rows))}
+    numeric = {name for name, values in columns.items() if any(isinstance(value, int | float) for value in values)}
+    same = {
+        name: values[0]
+        for name, values in columns.items()
+        if len(rows) > 1 == len({*values}) and (numbers or name not in numeric)
+    }
+    return same, [name for name in columns if name not in same], numeric
 
 
 @dataclass(frozen=True)

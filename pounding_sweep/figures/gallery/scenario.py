@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 from collections.abc import Callable
@@ -14,7 +15,7 @@ import xarray as xr
 from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.figure import Figure
 
-from pounding_sweep.analysis.rebuild import stored_scene
+from pounding_sweep.analysis.rebuild import stored_scene, stored_sweep
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.base.files import FilePath
 from pounding_sweep.figures import figure_of, require
@@ -234,7 +235,20 @@ def find_strongest(one: xr.Dataset) -> int:
     return int(values.reshape(len(values), -1).max(axis=1).argmax())
 
 
-def draw_row(one: xr.Dataset, below: int = 0, ax: Any = None) -> tuple[Any, float, Callable[[int, np.ndarray], None]]:
+def draw_at_rest(cube: xr.Dataset) -> Figure:
+    """Draw the row of a cube at rest, with its masses (t), stiffnesses (kN/m) and gaps (mm)."""
+    still = xr.zeros_like(cube["floor_elevation"], float).expand_dims(time=[0.0])
+    one = cube.drop_vars([*cube.data_vars]).assign(displacement=still)
+    with in_style():
+        axes, factor, show = draw_row(one.assign_attrs(scene=json.dumps(stored_sweep(cube)["scene"])), numbers=True)
+        show(0, np.zeros((0, 0)))
+        axes[0, 0].set_xlabel(f"gaps drawn {factor:g} times; masses (t) at floors, stiffnesses (kN/m) of storeys")
+        return put_title(axes, "The row at rest")
+
+
+def draw_row(
+    one: xr.Dataset, below: int = 0, ax: Any = None, *, numbers: bool = False
+) -> tuple[Any, float, Callable[[int, np.ndarray], None]]:
     """Draw what does not move of a row, and make what does.
 
     Returned are its panels (`below` flat ones last), how much larger than they are displacements and gaps are
@@ -284,6 +298,14 @@ def draw_row(one: xr.Dataset, below: int = 0, ax: Any = None) -> tuple[Any, floa
         floors = ax.plot([], [], color=colour, linewidth=2.6, solid_capstyle="butt")
         lines.append((number, *columns, *floors))
         ax.text(sum(edges) / 2.0, -0.03 * top, item.name, ha="center", va="top")
+        floors_at = zip(pairwise(heights[number]), item.masses, item.stiffnesses, strict=True) if numbers else ()
+        for (low_end, high_end), mass, stiffness in floors_at:
+            words: Any = {"x": sum(edges) / 2.0, "ha": "center", "fontsize": 7}
+            ax.text(y=high_end - 0.01 * top, s=f"{mass:.4g}", va="top", **words)
+            ax.text(y=0.5 * (low_end + high_end), s=f"{stiffness:.4g}", va="center", color="0.35", **words)
+    for pair, gap in enumerate(scene.gaps if numbers else ()):
+        middle = 0.5 * (right[pair] + left[pair + 1])
+        ax.text(middle, 1.02 * top, f"{1e3 * gap:.4g} mm", ha="center", va="bottom", fontsize=7)
     marks = ax.scatter([], [], marker="*", color=COLOURS[2], edgecolor="black", linewidth=0.5, zorder=5)
     contacts = {(contact.place, contact.storey - 1): contact for contact in scene.contacts}
 
