@@ -30,11 +30,13 @@ _RUN = (
     "howto_ida_fragility.md",
     "howto_what_matters.md",
     "howto_tables.md",
+    "howto_view.md",
 )
 exclude_patterns = ["_build", *_RUN]
 html_theme = "furo"
 html_title = "pounding_sweep: parametric sweeps of seismic pounding"
 html_static_path = ["_static"]
+html_extra_path = ["generated/extra"]
 html_css_files = ["boxes.css"]
 numpydoc_show_class_members = False
 autodoc_member_order = "bysource"

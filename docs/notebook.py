@@ -4,7 +4,7 @@
 - ``sh`` blocks run in bash, each by itself;
 - ``toml`` and ``python`` blocks whose first line is ``# NAME.toml`` or ``# NAME.py`` are written to that file.
 
-Everything happens in one folder, empty at first, which all pages share; pictures made there are kept beside the pages.
+Everything happens in one folder, empty at first, which all pages share; pictures and HTML files made there are kept.
 Blocks of other languages are only shown. A notebook runs in Jupyter, and becomes a page with what its cells show.
 """
 
@@ -25,19 +25,22 @@ from pathlib import Path
 _BLOCK = re.compile(r"^```(python|sh|toml)\n(.*?)^```\n", re.DOTALL | re.MULTILINE)
 _NAME = re.compile(r"# (\w+\.(?:toml|py))\n")
 _PICTURES = (".png", ".svg", ".gif")
+#: Where pages of cubes go that are made there, below the folder of the documentation's own pages.
+_PAGES = "extra/pages"
 
 
 def run_pages(sources: Sequence[Path], target: Path) -> None:
     """Run the blocks of pages in order, and write the pages, with what was printed, to the folder `target`."""
     # an error ends the build: a page never shows what its blocks do not do
+    (target / _PAGES).mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         for source in sources:
             with chdir(folder):
                 text = _run_notebook(source) if source.suffix == ".ipynb" else _run(source)
             (target / source.with_suffix(".md").name).write_text(text, encoding="utf-8")
         for made in sorted(Path(folder).iterdir()):
-            if made.suffix in _PICTURES:
-                shutil.copy(made, target)
+            if made.suffix in (*_PICTURES, ".html"):
+                shutil.copy(made, target / _PAGES if made.suffix == ".html" else target)
 
 
 def _run(source: Path) -> str:

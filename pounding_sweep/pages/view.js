@@ -107,19 +107,15 @@ const at = Object.fromEntries(Object.keys(dims).map((dim) => [dim, scenarioDims.
 const chosen = (id) => $(id).value;
 const isMap = () => $("controls").elements.kind.value === "map";
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-let waiting = false;
+let frameRequest = 0;
 let searchIsStale = false;
 let drawn = []; // of each trace the scenarios of its points
 
 function refresh(place = {}, changesSearch = false) {
   Object.assign(at, place);
   searchIsStale ||= changesSearch;
-  if (waiting) return;
-  waiting = true;
-  requestAnimationFrame(() => {
-    waiting = false;
-    draw();
-  });
+  cancelAnimationFrame(frameRequest);
+  frameRequest = requestAnimationFrame(draw);
 }
 
 function showControls() {
@@ -165,9 +161,7 @@ const traceOf = (points, more) => ({
   ...Object.fromEntries(["x", "y", "place"].map((key) => [key, points.map((point) => point[key])])),
   ...{ type: points.length > 10000 ? "scattergl" : "scatter", mode: "markers", ...more },
 });
-const marker = (symbol, size, color = css("--alarm")) => ({ symbol, size, color, line: { width: 2 } });
-const markHere = (x, y, symbol, size) =>
-  traceOf([{ x, y }], { showlegend: false, hoverinfo: "skip", marker: marker(symbol, size, css("--ink")) });
+const marker = (symbol, size) => ({ symbol, size, color: css("--alarm"), line: { width: 2 } });
 const hoverLine = (axis, key) =>
   `${escaped(axis.name)} %{${key}${isText(axis.values) ? "" : ":.6~g"}}${escaped(units(axis.about))}`;
 
@@ -186,8 +180,7 @@ function groupsOf(per, x, read) {
   return some.map((j) => ({ label: per.values[j], indices: all, place: { [per.dim]: j } }));
 }
 
-function lines(name, x) {
-  const per = chosen("per") && chosen("per") !== x.name ? axisOf(chosen("per")) : null;
+function lines(name, x, per) {
   const read = pointReader(name, [x.dim, per?.dim]);
   const groups = groupsOf(per, x, read);
   const y = axisOf(name);
@@ -207,15 +200,13 @@ function lines(name, x) {
   const lost = bad.filter((point) => point.z === null).map((point) => ({ ...point, y: 0.02 }));
   traces.push(traceOfBad(name, known, { name: "not ok", marker: marker("circle-open", 11) }));
   traces.push(traceOfBad(name, lost, { name: "no value", yaxis: "y2", marker: marker("x-thin-open", 11) }));
-  traces.push(markHere(x.values[at[x.dim]], reader(name, at)(), "diamond-open", 15));
-  const all = traces.filter((trace) => trace.x.some((value) => value !== undefined));
+  const all = traces.filter((trace) => trace.x.length);
   const legend = { orientation: "h", y: -0.25, title: { text: per ? `${escaped(per.name)} ` : "" } };
   const yaxis2 = { overlaying: "y", range: [0, 1], visible: false, fixedrange: true };
   return [all, { yaxis: axisLayout(y, "logy"), yaxis2, legend }, read];
 }
 
-function map(name, x) {
-  const y = axisOf(chosen("up"));
+function map(name, x, y) {
   const read = pointReader(name, [x.dim, y.dim]);
   const isScatter = x.dim === y.dim;
   const place = (i, j) => (isScatter ? { [x.dim]: i } : { [x.dim]: i, [y.dim]: j });
@@ -232,8 +223,7 @@ function map(name, x) {
     : { x: x.values, y: y.values, z, place: places, type: "heatmap", hovertemplate, colorscale: "Viridis", colorbar };
   const bad = rows.flat().filter((point) => point.code);
   const hatched = traceOfBad(name, bad, { marker: marker(isScatter ? "circle-open" : "line-ne-open", cell) });
-  const here = markHere(x.values[at[x.dim]], y.values[at[y.dim]], "square-open", cell + 3);
-  return [[shown, hatched, here], { yaxis: axisLayout(y, "logy") }, read];
+  return [[shown, hatched], { yaxis: axisLayout(y, "logy") }, read];
 }
 
 function axisLayout(axis, log) {
@@ -243,18 +233,35 @@ function axisLayout(axis, log) {
   return { type, title, gridcolor, zerolinecolor: gridcolor, linecolor, automargin: true };
 }
 
+// What frames the scenario at the sliders; corners are pixels about it.
+function frame(xanchor, yanchor) {
+  const isDrawn = [xanchor, yanchor].every((value) => typeof value === "string" || Number.isFinite(value));
+  const look = { type: "path", path: "M-8,-8 L8,-8 L8,8 L-8,8 Z", line: { color: css("--ink"), width: 2 } };
+  return isDrawn ? [{ xanchor, yanchor, xsizemode: "pixel", ysizemode: "pixel", ...look }] : [];
+}
+
+let figureKey = "";
 function drawFigure(name) {
   const x = axisOf(chosen("across"));
-  const [traces, more, read] = isMap() ? map(name, x) : lines(name, x);
+  const other = chosen(isMap() ? "up" : "per");
+  const second = other && (isMap() || other !== x.name) ? axisOf(other) : null;
+  const up = isMap() ? second.values[at[second.dim]] : reader(name, at)();
+  const shapes = frame(x.values[at[x.dim]], up);
+  const choices = [...$("choices").elements].map((each) => [each.value, each.checked]);
+  const places = Object.entries(at).filter(([dim]) => dim !== x.dim && dim !== second?.dim);
+  const key = JSON.stringify([choices, places, css("--ink")]);
+  if (key === figureKey) return Plotly.relayout("figure", { shapes });
+  figureKey = key;
+  const [traces, more, read] = (isMap() ? map : lines)(name, x, second);
   drawn = traces.map((trace) => trace.place);
   const [paper_bgcolor, color] = ["rgba(0,0,0,0)", css("--ink")];
   const font = { color, family: "system-ui, sans-serif", size: 12 };
   const modebar = { bgcolor: paper_bgcolor, color: css("--soft"), activecolor: color };
-  const [margin, hoverlabel] = [{ l: 50, r: 12, t: 30, b: 40 }, { align: "left" }];
-  const look = { paper_bgcolor, plot_bgcolor: paper_bgcolor, font, modebar, margin, hoverlabel, hovermode: "closest" };
-  const layout = { ...look, ...more, showlegend: traces.length > 2 && !isMap(), xaxis: axisLayout(x, "logx") };
+  const margin = { l: 50, r: 12, t: 30, b: 40 };
+  const look = { paper_bgcolor, plot_bgcolor: paper_bgcolor, font, modebar, margin, hovermode: "closest" };
+  const drawing = { ...more, shapes, showlegend: traces.length > 1 && !isMap(), xaxis: axisLayout(x, "logx") };
   const modeBarButtons = [["toImage", "zoom2d", "pan2d", "resetScale2d"]];
-  Plotly.react("figure", traces, layout, { responsive: true, modeBarButtons, displaylogo: false });
+  Plotly.react("figure", traces, { ...look, ...drawing }, { responsive: true, modeBarButtons, displaylogo: false });
   const ends = cube.statuses.map((end) => [read.codes.filter((code) => code === end.status).length, end]);
   const bad = ends.filter(([n, end]) => n && end.status).map(([n, end]) => `${n} ${end.label}`);
   const how = isMap() ? "hatched or ringed" : "ringed, those without a value as crosses at the foot";
@@ -266,11 +273,10 @@ function drawFigure(name) {
 // --- the row, the scenario, the worst ones ---
 
 function drawRow(output) {
-  if (!$("row")) return;
   const ownerOf = (name) => Object.keys(cube.spots).find((dim) => fields[name]?.dims.includes(dim));
   const name = [output, "impact_force_max"].find(ownerOf);
-  $("row-shows").textContent = name ? titled(name, fields[name]) : "";
-  if (!name) return;
+  if (!$("row") || !name) return;
+  $("row-shows").textContent = titled(name, fields[name]);
   const owner = ownerOf(name);
   const byStorey = fields[name].dims.includes("storey");
   const marks = cube.spots[owner].flatMap((spot, k) =>

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, check_choice, checked_arguments
-from pounding_sweep.base.files import FilePath
+from pounding_sweep.base.files import FilePath, expanded
 from pounding_sweep.base.text import counts_text, finite
 from pounding_sweep.pages import write_page
 
@@ -88,13 +88,14 @@ def view(
 
     plotly = _packed_plotly()
     file = Path(cube.encoding.get("source", "CUBE.nc"))
-    target = check_output(file.with_suffix(".html").name if out is None else out, overwrite=True, netcdf=False)
+    path = expanded(file.with_suffix(".html").name if out is None else out)
+    check_output(path, overwrite=True, netcdf=False)
     content, packed = _content(select(with_texts(cube), at or {}, [*map(str, cube.dims)]), names, file.name)
     folder = files("pounding_sweep").joinpath("pages")
     style, script = (folder.joinpath(name).read_text("utf-8") for name in ("view.css", "view.js"))
     text = json.dumps(content, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
     packed["plotly"] = plotly
-    return write_page("pages/view.html.j2", target, **content, style=style, script=script, json=text, packed=packed)
+    return write_page("pages/view.html.j2", path, **content, style=style, script=script, json=text, packed=packed)
 
 
 @cache
