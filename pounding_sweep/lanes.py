@@ -147,7 +147,7 @@ class Value:
         self.trace, self.value = trace, value
 
     def __bool__(self) -> bool:
-        raise TypeError("a traced value is not known while it is traced: use `where`, `when` or `when_any`")
+        raise TypeError("a traced value is not known while it is traced: use `where`, `once_if` or `when_any`")
 
     @classmethod
     def lift(cls, trace: Tracer, x: Any) -> Any:
@@ -374,8 +374,8 @@ def when_any(mask: Any) -> Iterator[None]:
         yield
 
 
-def when(flag: Any) -> Iterator[None]:
-    """Go once through what follows if `flag` holds: ``for _ in when(flag)``."""
+def once_if(flag: Any) -> Iterator[None]:
+    """Go once through what follows if `flag` holds: ``for _ in once_if(flag)``."""
     trace = _trace_of(flag)
     if trace is None:
         if flag:

@@ -30,9 +30,9 @@ from pounding_sweep.lanes import (
     lane_of,
     lesser,
     narrow,
+    once_if,
     real,
     tracing,
-    when,
     where,
 )
 from pounding_sweep.schemes import SCHEMES
@@ -244,7 +244,7 @@ def noter(group: Group, put: Callable[[Any, int, Any], None], first: Any) -> Cal
     s, place = group.state, history_slots(group.spec)
 
     def note(row: Any) -> None:
-        for name, n in (item for _ in when(first) for item in place.count.items()):
+        for name, n in (item for _ in once_if(first) for item in place.count.items()):
             for q in range(n):
                 if name != "force":
                     value = s[name, q]

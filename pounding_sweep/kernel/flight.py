@@ -49,6 +49,7 @@ from pounding_sweep.lanes import (
     maximum,
     minimum,
     not_,
+    once_if,
     real,
     rounded,
     shifted,
@@ -56,7 +57,6 @@ from pounding_sweep.lanes import (
     size,
     sqrt,
     transposed,
-    when,
     where,
     while_any,
 )
@@ -490,7 +490,7 @@ class Flight:
             yield
             return
         alpha, beta = (lane_of(group.full(group.prop(x, b)), lane) for x in ("alpha", "beta"))
-        yield from when(not_((alpha == 0.0) & (beta == 0.0)))
+        yield from once_if(not_((alpha == 0.0) & (beta == 0.0)))
 
     def _gather(self, lane: Any, t: Any, steps: Any) -> None:
         """Add the powers over so many steps from point t on, which lie in the lanes."""
@@ -621,26 +621,26 @@ class Flight:
         far, ahead = Cell(False), Cell(self.points)
         windows, blocks = self.group.spec.windows, self.blocks
         leaps = note is None and windows and not self.layout.powers
-        for _ in when(self.at.now < 1) if leaps or blocks is not None else ():
+        for _ in once_if(self.at.now < 1) if leaps or blocks is not None else ():
             self._bounds()
             amplitudes = [self.rows["amplitude", part] for part in self.mode_parts]
             moves = any_lane(reduce(maximum, amplitudes, self.times.full(0.0)) > 0.0)
-            for _ in when(not_(moves)):  # nothing but the record moves the row
+            for _ in once_if(not_(moves)):  # nothing but the record moves the row
                 self._skip_to_first() if leaps else self._skip_free_blocks()
         for _ in while_any(lambda: self.active.now & (self.at.now < self.last.now)):
             t = self.at.now
             self._bounds()
             far.now, ahead.now = False, self.last.now - t
-            for _ in when(rests & settles):
+            for _ in once_if(rests & settles):
                 far.now = self.quiet.now = not_(self._near(t, "", ""))
                 self.active.now = not_(far.now)
-            for _ in when(not_(rests)) if blocks is not None else ():
+            for _ in once_if(not_(rests)) if blocks is not None else ():
                 block = blocks.of(t)
                 ahead.now = lesser(ahead.now, (block + 1) * blocks.length - t)
                 far.now = not_(self._near(block, "most", "least"))
-                for _ in when(far.now):  # pass what is left of the block
+                for _ in once_if(far.now):  # pass what is left of the block
                     left = Cell(ahead.now)
-                    for _ in when(ahead.now == blocks.length):
+                    for _ in once_if(ahead.now == blocks.length):
                         self._advance(self.lanes)
                         left.now = 0
                     for _ in while_any(lambda: left.now > 0):  # noqa: B023
@@ -648,7 +648,7 @@ class Flight:
                         self._advance(steps)
                         left.now -= steps
                     self.at.now += ahead.now
-            for _ in when(not_(rests)) if leaps else ():
+            for _ in once_if(not_(rests)) if leaps else ():
                 # by the bounds that modes have now
                 for _ in while_any(
                     lambda: (
@@ -659,14 +659,14 @@ class Flight:
                     self._advance(self.lanes)
                     self.at.now += WIDE
                 far.now = self.at.now > t
-            for _ in when(not_(far.now)):
+            for _ in once_if(not_(far.now)):
                 steps_left = lesser(ahead.now, self.lanes - 1 if note is None else 1)
                 self.steps.now = steps_left
                 if blocks is not None:
                     blocks.know(blocks.of(t))
                 for part in () if windows or blocks is not None else self.watched_parts:
                     self.rows["asks", part] = self.times.full(1.0)
-                for _ in when(self._near(t, "most", "least")) if windows else range(1):
+                for _ in once_if(self._near(t, "most", "least")) if windows else range(1):
                     self._scan_window(t)
                 steps = self.steps.now
                 if self.layout.powers:
@@ -766,16 +766,16 @@ class Flight:
     def _skip_to_first(self) -> None:
         """Go to the last point before floors may touch, by the running extremes of the motion without pounding."""
         low, high = Cell(0), Cell(self.last.now)
-        for _ in when(self._met(self._extremes(self.last.now, "peak", "trough"))):
+        for _ in once_if(self._met(self._extremes(self.last.now, "peak", "trough"))):
             for _ in while_any(lambda: high.now - low.now > 1):
                 middle = (low.now + high.now) // 2
                 met = self._met(self._extremes(middle, "peak", "trough"))
-                for _ in when(met):
+                for _ in once_if(met):
                     high.now = middle
-                for _ in when(not_(met)):
+                for _ in once_if(not_(met)):
                     low.now = middle
             self.hits.now, self.active.now = True, False
-        for _ in when(not_(self.hits.now)):
+        for _ in once_if(not_(self.hits.now)):
             low.now = self.last.now
         self.at.now = low.now
         for part, (most, least) in enumerate(self._extremes(self.at.now, "peak", "trough")):
@@ -842,17 +842,17 @@ class Flight:
             w["crest", part], w["trough", part] = self.times.full(-far), self.times.full(far)
         free, block = Cell(True), Cell(0)
         blocks = Cell(self.blocks.blocks)
-        for _ in when(self.last.now < self.points - 1):  # the others are not all of this scenario's
+        for _ in once_if(self.last.now < self.points - 1):  # the others are not all of this scenario's
             blocks.now = self.last.now // self.blocks.length
         for _ in while_any(lambda: free.now & (block.now < blocks.now)):
             extremes = self._extremes(block.now, "most", "least")
             free.now = not_(self._met(extremes))
-            for _ in when(free.now):
+            for _ in once_if(free.now):
                 for part, (above, below) in enumerate(extremes):
                     w["crest", part] = maximum(w["crest", part], above)
                     w["trough", part] = minimum(w["trough", part], below)
                 block.now += 1
-        for _ in when(block.now > 0):
+        for _ in once_if(block.now > 0):
             for part in self.watched_parts:
                 less = self._free_excursion("bulge0", part) * (2.0 / self.blocks.per_square)  # bounds beyond points
                 self._take_peaks(part, w["crest", part] - less, w["trough", part] + less)
@@ -871,17 +871,17 @@ class Flight:
         kinds = {quantity.kind for quantity in self.layout.watched}
         for kind in sorted(kinds & {TOUCH, ONSET}):
             for q in self._reaching(kind):
-                for _ in when(self._crosses(q, kind == ONSET)):
-                    for _ in when(not_(self.weighed.now)):
+                for _ in once_if(self._crosses(q, kind == ONSET)):
+                    for _ in once_if(not_(self.weighed.now)):
                         self._know_rates(t)
                         self._weigh(self.layout.misses, "missed", "missed0")
                         self.weighed.now = True
                     self._end_before(q, kind == ONSET)
-        for _ in when(self.steps.now > 0) if kinds - {TOUCH, ONSET} else ():
+        for _ in once_if(self.steps.now > 0) if kinds - {TOUCH, ONSET} else ():
             turning: Any = False
             for _, asks in (row for kind in (TURN, ACCELERATION) for row in self._reaching_lanes(kind)):
                 turning = turning | any_lane(asks)
-            for _ in when(turning) if not coupled else ():
+            for _ in once_if(turning) if not coupled else ():
                 self._bend(t, ACCELERATION in kinds)
             for q in self._reaching(TURN):
                 self._turn(q, MOVED)
@@ -896,7 +896,7 @@ class Flight:
 
     def _know_rates(self, t: Any) -> None:
         """Find the rates of all modes, once in a window."""
-        for _ in when(not_(self.rated.now)):
+        for _ in once_if(not_(self.rated.now)):
             for m in self.indices(self.layout.modes, 4):
                 self.rows["rate", m] = self.moved(m, t, 2)
             self.rated.now = True
@@ -1019,7 +1019,7 @@ class Flight:
         if self.yields:
             x = x + w.number("shift", q)
         high, low = w.number("high", q), w.number("low", q)
-        for _ in when(any_lane(((x + bulge > high) | (x - bulge < low)) & points)):
+        for _ in once_if(any_lane(((x + bulge > high) | (x - bulge < low)) & points)):
             s0 = self._sum(q, names[1])
             x1, s1 = shifted(x), shifted(s0)
             (c0, c1), (j0, j1) = (self._rates(q, names[k], names[k + 2]) for k in (2, 3))
@@ -1028,11 +1028,11 @@ class Flight:
             up = fold(where(steps, most, where(points, x, -far)), maximum)
             down = -fold(where(steps, -least, where(points, -x, -far)), maximum)
             sized = self.number("sized", q) > 0.5
-            for _ in when(sized):
+            for _ in once_if(sized):
                 most = where(-down > up, -down, up)
                 most = where(most > high, most, high)
                 w.put_number("high", q, most)
                 w.put_number("low", q, -most)
-            for _ in when(not_(sized)):
+            for _ in once_if(not_(sized)):
                 w.put_number("high", q, where(up > high, up, high))
                 w.put_number("low", q, where(down < low, down, low))

@@ -29,12 +29,12 @@ from pounding_sweep.lanes import (
     minimum,
     narrow,
     not_,
+    once_if,
     real,
     rounded,
     size,
     sqrt,
     transposed,
-    when,
     where,
 )
 
@@ -107,7 +107,7 @@ class Tables(_Filler):
             self._put("p", t, part, p.now)
             if energies:
                 self._put("input", t, part, energy.now)
-            for _ in when(t < self.last):
+            for _ in once_if(t < self.last):
                 g0, g1 = self._ground(t), self._ground(t + 1)
                 rise = (g1 - g0) * self.decays.number(1)
                 second = -fma(c["square"], q.now, c["damping"] * p.now) - c["push"] * g0
@@ -128,7 +128,7 @@ class Tables(_Filler):
         q, p = Cell(zero), Cell(zero)
         for k in count_to(self.points):
             t = self.last - k
-            for _ in when(k > 0):
+            for _ in once_if(k > 0):
                 g0, rise = self._ground(t), self._ground(t + 1) - self._ground(t)
                 q1, p1 = q.now, p.now
                 q.now = fma(c["qq"], q1, fma(c["pq"], p1, fma(c["adjoint_q"], g0, c["adjoint_rise_q"] * rise)))
@@ -252,7 +252,7 @@ class Tables(_Filler):
                 margin = f.rows["reach", part] * sign if last else None
                 for t in count_to(self.points):
                     best = Cell(f.part(wide, part, t))
-                    for _ in when(t + later < self.points):
+                    for _ in once_if(t + later < self.points):
                         best.now = better(best.now, f.part(wide, part, t + later))
                     self._put(to, t, part, best.now if margin is None else best.now + margin)
 
@@ -324,9 +324,9 @@ class Blocks(_Filler):
         self.flight.base.now = self.layout.base(group * self.lanes, self.blocks)
         for m in count_to(self.modes):
             new = self._is_new(group, m)
-            for _ in when(new):
+            for _ in once_if(new):
                 self._move(group, block, m, steps)
-            for _ in when(not_(new) & (block + 1 < self.blocks)):
+            for _ in once_if(not_(new) & (block + 1 < self.blocks)):
                 to, source = (self._state(group - before, block + 1, m) for before in (0, 1))
                 for k in range(STATE):
                     self.decays.put_vector(to + k * self.lanes, self.decays.vector(source + k * self.lanes))
@@ -336,7 +336,7 @@ class Blocks(_Filler):
             for q in count_to(len(numbers)):
                 number = q + numbers[0]
                 new = reduce(or_, [self._is_new(group, self.lows[number] + k) for k in range(many)], constant(False))
-                for _ in when(new):
+                for _ in once_if(new):
                     self._watch(number, many, kind == ACCELERATION, steps)
         self._hand_out(block)
 
@@ -362,7 +362,7 @@ class Blocks(_Filler):
                 w, c = (decays.vector(self._row(group, name, m)) for name in ("w", "c"))
                 for name, x in step(w, c, decays.number(self.push_at + m), length).items():
                     decays.put_vector(self._row(group, name, m), x)
-            for _ in when(long == 0):
+            for _ in once_if(long == 0):
                 self._hand_over(group)
         before = group - lesser(group, 1)
         for m in count_to(self.modes):
@@ -430,7 +430,7 @@ class Blocks(_Filler):
             bends.now = maximum(bends.now, fma(second, second, third * third))
             q.now, p.now = _step(c, q.now, p.now, g0, g1)
         keep(steps)
-        for _ in when(block + 1 < self.blocks):
+        for _ in once_if(block + 1 < self.blocks):
             for k, cell in enumerate((q, p)):
                 self.decays.put_vector(self._state(group, block + 1, m) + k * self.lanes, cell.now)
         f.rows["bends", m], f.rows["reaches", m] = sqrt(bends.now), reach.now
@@ -474,7 +474,7 @@ class Blocks(_Filler):
                 before = f.tables.vector(at + stride * q)
                 most[q] = maximum(most[q], where(block == 0, 0.0, before))
                 f.tables.put_vector(at + stride * q, most[q])
-            for _ in when(block + 1 == self.blocks):
+            for _ in once_if(block + 1 == self.blocks):
                 for lane, swell in enumerate(transposed(most)):
                     bulge = swell * self.per_square
                     share = f.tables.vector(missed + stride * lane)
@@ -496,7 +496,7 @@ class Blocks(_Filler):
         """Go through a block of the scenario that flies, point by point, where it is not the last one that was."""
         f = self.flight
         same = (self.filled.now == block) & (self.owner.now == f.base.now)
-        for _ in when(not_(same)):
+        for _ in once_if(not_(same)):
             self.filled.now, self.owner.now = block, f.base.now
             self._expand(block)
 

@@ -22,9 +22,9 @@ from pounding_sweep.lanes import (
     maximum,
     minimum,
     not_,
+    once_if,
     real,
     size,
-    when,
     when_any,
     where,
     while_any,
@@ -355,10 +355,10 @@ class FixedSteps:
         closed, number, busy, goes_on = Cell(False), Cell(0), group.cell(True), Cell(True)
         flowing = Cell(False) if group.spec.yielding else None
         for _ in while_any(lambda: goes_on.now):
-            for _ in when(not_(number.now < ground.record)):
+            for _ in once_if(not_(number.now < ground.record)):
                 self._leave(number.now, busy)
                 goes_on.now = any_lane(busy.now)
-            for _ in when(goes_on.now):
+            for _ in once_if(goes_on.now):
                 for j in count_to(ground.steps):
                     self._step(number.now, j, closed, flowing)
                 number.now += 1
@@ -367,12 +367,12 @@ class FixedSteps:
         """Let lanes leave that are at their end, or that nothing changes any more, after so many intervals."""
         group, s = self.group, self.group.state
         rests = number - self.ground.record
-        for _ in when(number == self.ground.record):
+        for _ in once_if(number == self.ground.record):
             rest.note_energies(group, None)
         over = Cell(busy.now & ~(s["rests"] > real(rests)))
         if group.spec.falling:
             over.now |= busy.now & ~collapse.stands(group)
-        for _ in when(rests > 0) if group.spec.rest_is_bounded else ():
+        for _ in once_if(rests > 0) if group.spec.rest_is_bounded else ():
             over.now |= busy.now & ~rest.may_change(group) & (group.full(group.prop("settles")) > 0.0)
         with when_any(over.now):
             if group.spec.located:
@@ -392,7 +392,7 @@ class FixedSteps:
         if not group.has_events:
             self._reduce(group.scheme.flight(group, ground.h), turning(group))
         elif group.spec.located:
-            for _ in when(any_lane(h > 0.0)) if group.spec.falling else (None,):
+            for _ in once_if(any_lane(h > 0.0)) if group.spec.falling else (None,):
                 self._step_events(closed, flowing, ga, gb, h)
         else:
             self._step_sampled(number)
@@ -415,20 +415,20 @@ class FixedSteps:
     def _step_events(self, closed: Cell, flowing: Cell | None, ga: Any, gb: Any, h: Any) -> None:
         group, s = self.group, self.group.state
         touched = Cell(True)
-        for _ in when(not_(closed.now)):
+        for _ in once_if(not_(closed.now)):
             add = group.scheme.flight(group, h)
             turned = turning(group)
             asks = storeys_may_change(group, h) if group.spec.yielding else group.full(False)
             asks = asks | may_touch(group, h) if group.touching else asks
             touched.now = any_lane(asks & (h > 0.0) if group.spec.falling else asks)
-            for _ in when(not_(touched.now)):
+            for _ in once_if(not_(touched.now)):
                 if flowing is not None:
-                    for _ in when(flowing.now):
+                    for _ in once_if(flowing.now):
                         hysteresis.update_plastic_drifts(group)
                 self._reduce(add, turned)
-        for _ in when(closed.now):
+        for _ in once_if(closed.now):
             keep_start(group)
-        for _ in when(touched.now):
+        for _ in once_if(touched.now):
             for name in moving_rows(group):
                 for k in group.indices(group.spec.n_moving):
                     s[name, k] = s[f"{name}0", k]
@@ -440,7 +440,7 @@ class FixedSteps:
             if flowing is not None:
                 flowing.now = any_lane(hysteresis.is_yielding(group))
             if needs_ends(group):
-                for _ in when(not_(closed.now)):
+                for _ in once_if(not_(closed.now)):
                     clear_forces(group, group.full(True))
 
     def _step_sampled(self, number: Any) -> None:

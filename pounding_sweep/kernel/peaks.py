@@ -14,7 +14,7 @@ from pounding_sweep.kernel import bouc_wen, forces
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.roots import Series, course, cubic, turn
 from pounding_sweep.kernel.row import add_forces, put_accelerations
-from pounding_sweep.lanes import Cell, any_lane, count_to, fma, maximum, minimum, size, sqrt, when, when_any, where
+from pounding_sweep.lanes import Cell, any_lane, count_to, fma, maximum, minimum, once_if, size, sqrt, when_any, where
 
 #: Most that a cubic leaves its ends by, in its rates there times the step.
 REACH = 4.0 / 27.0
@@ -78,7 +78,7 @@ def septic_extremes(
     once, again = lanes & (s0 * s1 < 0.0), Cell(lanes & back)
     above, below = Cell(maximum(x0, x1)), Cell(minimum(x0, x1))
     high, low = so_far
-    for _ in when(any_lane(again.now)) if bounds else ():
+    for _ in once_if(any_lane(again.now)) if bounds else ():
         x, most, least = x0, above.now, below.now
         for span in spans:
             x = x + (1.0 / 7.0) * span
@@ -89,7 +89,7 @@ def septic_extremes(
         above.now = where(mask, maximum(above.now, x), above.now)
         below.now = where(mask, minimum(below.now, x), below.now)
 
-    for _ in when(any_lane(once | again.now)):
+    for _ in once_if(any_lane(once | again.now)):
         # the polynomial with value and three rates (times powers of the step) at its ends
         c, j = 0.5 * c0, (1.0 / 6.0) * j0
         r, r1 = x1 - x0 - at_start - c - j, s1 - at_start - c0 - 0.5 * j0
@@ -101,7 +101,7 @@ def septic_extremes(
         curve = Series.of(x0, at_start, c, j, b4, b5, b6, b7)
         t = turn(group, once, 2, curve.rate.with_slope, (0.0, 1.0), (s0, s1))
         x = Cell(curve.value(t))
-        for _ in when(any_lane(once & ((x.now > high) | (x.now < low)))):
+        for _ in once_if(any_lane(once & ((x.now > high) | (x.now < low)))):
             (d0, d1), (e0, e1) = (
                 (share * early, share * late) for share, (early, late) in zip(SHARES, higher(), strict=True)
             )
@@ -110,7 +110,7 @@ def septic_extremes(
             square = t * (1.0 - t) * t * (1.0 - t)
             x.now = fma(square * square, rest.value(t), x.now)
         take(once, x.now)
-        for _ in when(any_lane(again.now)):
+        for _ in once_if(any_lane(again.now)):
             t, x, s = group.cell(0.0), Cell(x0), Cell((1.0 / PARTS) * at_start)
             for _ in count_to(PARTS):
                 t.now += 1.0 / PARTS

@@ -31,13 +31,13 @@ from pounding_sweep.lanes import (
     maximum,
     minimum,
     not_,
+    once_if,
     power,
     real,
     roughly_power,
     rounded,
     side_by_side,
     size,
-    when,
     when_any,
     where,
     while_any,
@@ -74,7 +74,7 @@ def substep(group: Group, h: Any) -> None:
     if spec.yielding and group.touching and not group.looped:  # while storeys yield, contacts are open as a rule
         closed = any_lane(forces.is_closed(group))
         for case, contacts in ((closed, True), (not_(closed), False)):
-            for _ in when(case):
+            for _ in once_if(case):
                 _expand_row(group, contacts)
     else:
         _expand_row(group, group.touching)

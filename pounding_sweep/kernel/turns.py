@@ -29,10 +29,10 @@ from pounding_sweep.lanes import (
     lane_of,
     lesser,
     not_,
+    once_if,
     real,
     rounded,
     side_by_side,
-    when,
     when_any,
     where,
     while_any,
@@ -73,24 +73,24 @@ class Turns:
         """Give the lanes that leave their scenarios others."""
         course = self.course
         for lane in iter_lanes(course.leaves.now):
-            for _ in when(course.busy.lane(lane) > 0.0):
+            for _ in once_if(course.busy.lane(lane) > 0.0):
                 self._finish(lane)
-            for _ in when(self._takes_next(lane)):
+            for _ in once_if(self._takes_next(lane)):
                 course.left.put_lane(lane, real(self.short))
 
     def _takes_next(self, lane: Any) -> Any:
         """Let the next scenario begin in a lane; returns whether there is one."""
         has = self.course.next.now < self.count
-        for _ in when(has):
+        for _ in once_if(has):
             self._begin(lane)
-        for _ in when(not_(has)):
+        for _ in once_if(not_(has)):
             self.course.busy.put_lane(lane, 0.0)
         return has
 
     def _finish(self, lane: Any) -> None:
         """Keep the results of the scenario of a lane, which is at its end."""
         at, end = self.course.at.lane(lane), self.ground.record * self.ground.steps
-        for _ in when(at < end) if self.group.spec.falling else ():
+        for _ in once_if(at < end) if self.group.spec.falling else ():
             rest.note_energies(self.group, self._only(lane))
         march.conclude(self.group, self._only(lane), at)
         for row, place, column in self._scenario_rows(self.results, self.course.scenario.lane(lane)):
@@ -137,38 +137,38 @@ class Flights(Turns):
         """Fly the scenarios of the lanes that leave to their next possible touch, or take others."""
         flight, course, note = self.flight, self.course, self.note
         note_point = None if note is None else lambda point: note(point * self.short)
-        for _ in when(course.next.now == 0):
+        for _ in once_if(course.next.now == 0):
             self._fill()
         for lane in iter_lanes(course.leaves.now):
             has = Cell(course.busy.lane(lane) > 0.0)
             self.settled.now = False
             s = self.group.state
-            for _ in when(has.now & (s.lane(s.first["collapsed"], lane) > 0.0)) if self.group.spec.falling else ():
+            for _ in once_if(has.now & (s.lane(s.first["collapsed"], lane) > 0.0)) if self.group.spec.falling else ():
                 self._finish(lane)
                 has.now = False
-            for _ in when(has.now):
+            for _ in once_if(has.now):
                 self._leave(lane, course.at.lane(lane) // self.short)
             for _ in while_any(lambda: not_(self.settled.now)):
-                for _ in when(not_(has.now)):
+                for _ in once_if(not_(has.now)):
                     has.now = self._takes_next(lane)
                     self.settled.now = not_(has.now)
-                for _ in when(has.now):
+                for _ in once_if(has.now):
                     flight.advance_free(lane, note_point)
                     flight.to_floors(lane, flight.at.now)
                     course.at.put_lane(lane, flight.at.now * self.short)
                     # a record of one point has no step
                     hits, at = flight.hits.now & (flight.at.now < flight.last.now), flight.at.now
                     over = flight.quiet.now | not_(at * self.short < course.last.lane(lane))
-                    for _ in when(hits):
+                    for _ in once_if(hits):
                         course.left.put_lane(lane, real(self.short))
                         self.settled.now = True
-                    for _ in when(not_(hits)):
-                        for _ in when(at == self.ground.record * self.ground.substeps):
+                    for _ in once_if(not_(hits)):
+                        for _ in once_if(at == self.ground.record * self.ground.substeps):
                             rest.note_energies(self.group, self._only(lane))
-                        for _ in when(over):
+                        for _ in once_if(over):
                             self._finish(lane)
                             has.now = False
-                        for _ in when(not_(over)):
+                        for _ in once_if(not_(over)):
                             self._leave(lane, at)
 
     def _leave(self, lane: Any, point: Any) -> None:
@@ -178,9 +178,9 @@ class Flights(Turns):
         end, still = (n * ground.substeps for n in (ground.record, ground.intervals))
         flight.scale.now = s.lane(s.first["scale"], lane)
         flight.last.now = lesser(last, end if "energy" in self.group.requested else still)
-        for _ in when(not_(point < end)):
+        for _ in once_if(not_(point < end)):
             flight.last.now = lesser(last, still)
-        for _ in when(not_(point < still)):
+        for _ in once_if(not_(point < still)):
             flight.last.now, flight.scale.now = last, 0.0
         row, block = number * 0, number // LANES
         if "tables" in inputs.first:
@@ -210,10 +210,10 @@ def run_scenarios(
         return s["scale"] * side_by_side(group.trace, numbers)
 
     for _ in while_any(lambda: more.now):
-        for _ in when(any_lane(course.leaves.now)):
+        for _ in once_if(any_lane(course.leaves.now)):
             serve()
         more.now = any_lane(course.busy.now > 0.0)
-        for _ in when(more.now) if group.has_events else ():
+        for _ in once_if(more.now) if group.has_events else ():
             more_steps = course.at.now < course.last.now  # a record of one point has none
             starts = (course.busy.now > 0.0) & ~(s["time_left"] > 0.0) & more_steps
             with when_any(starts):
@@ -237,7 +237,7 @@ def run_scenarios(
                 if group.spec.yielding:
                     stays.now |= hysteresis.is_yielding(group)
                 if note is not None:
-                    for _ in when(any_lane(over)):
+                    for _ in once_if(any_lane(over)):
                         note(lane_of(at, 0))
                 course.leaves.now = ends | (full_step & ~stays.now) if group.spec.flies_exactly else ends
                 if march.needs_ends(group):

@@ -14,7 +14,7 @@ from pounding_sweep.kernel import bouc_wen, impulse, links
 from pounding_sweep.kernel.group import Contact, Group, Part
 from pounding_sweep.kernel.march import keep_start
 from pounding_sweep.kernel.row import Pushes, accelerations, iter_powers, powers
-from pounding_sweep.lanes import any_lane, fma, when
+from pounding_sweep.lanes import any_lane, fma, once_if
 from pounding_sweep.schemes.base import Scheme
 
 #: Force of a contact (of displacements, velocities), these by floor or by the name of their rows.
@@ -166,7 +166,7 @@ class Explicit(Scheme):
 
         def press(contact: Contact, x: Any, y: Any) -> Any:
             force, (k, c, gap) = group.cell(0.0), constants[contact.index] if constants else read(contact)
-            for _ in when(presses[contact.index]) if constants else (None,):
+            for _ in once_if(presses[contact.index]) if constants else (None,):
                 d, v = contact.between(x) - gap, contact.between(y)
                 force.now = contact.law.pressing(k, c, d, v)
             return force.now
