@@ -11,8 +11,8 @@ import xarray as xr
 from pounding_sweep.base.errors import InputError, check_choice, repr_short
 from pounding_sweep.base.text import read_share
 from pounding_sweep.output.audited import AUDIT_DIMS
-from pounding_sweep.output.scenario_rows import BUILDING_DEFAULTS, scenario_keys
-from pounding_sweep.request.axes import DIMENSIONS, PREFIXES
+from pounding_sweep.output.scenario_rows import scenario_keys
+from pounding_sweep.request.axes import BUILDING_DEFAULTS, DIMENSIONS, PREFIXES
 from pounding_sweep.variables.registry import INNER_DIMS, VALID, VARIABLES, Status
 
 #: Key of the law without contact.

@@ -25,10 +25,9 @@ from pounding_sweep.output.dataset import (
     unit_attributes,
 )
 from pounding_sweep.output.identity import library_versions, package_digest
-from pounding_sweep.output.scenario_rows import BUILDING_DEFAULTS
 from pounding_sweep.plan.scenarios import requested_scenarios
 from pounding_sweep.records.record import record_measures
-from pounding_sweep.request.axes import AXES, NamedAxis, plain_name
+from pounding_sweep.request.axes import AXES, BUILDING_DEFAULTS, NamedAxis, plain_name
 from pounding_sweep.request.design import BLOCK, SAMPLE
 from pounding_sweep.request.spec import SweepSpec, to_json
 from pounding_sweep.variables.registry import scatter_dof
@@ -246,7 +245,7 @@ def design_coordinates(spec: SweepSpec) -> Coordinates:
             values = [getattr(case, item.argument if item.building else axis.dimension) for case in spec.cases]
             text = axis.long_name
             if item.building is not None:
-                values = [dict(value).get(item.building, 1.0) for value in values]
+                values = [dict(value).get(item.building, axis.neutral) for value in values]
                 text = f"{text} of {axis.by} {item.building}"
             result[item.name] = coordinate(("case",), values, axis.unit, text)
     place = np.arange(len(spec.cases)) % len(spec.design)

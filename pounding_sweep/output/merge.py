@@ -32,7 +32,8 @@ from pounding_sweep.output.dataset import (
 )
 from pounding_sweep.output.netcdf import Slab, check_output, check_space, open_cube, reading, write_in_slabs
 from pounding_sweep.output.results import number_runs
-from pounding_sweep.output.scenario_rows import BUILDING_DEFAULTS, cube_columns, scenario_keys
+from pounding_sweep.output.scenario_rows import cube_columns, scenario_keys
+from pounding_sweep.request.axes import BUILDING_DEFAULTS
 from pounding_sweep.request.design import BLOCK, SAMPLE
 from pounding_sweep.variables.registry import INNER_DIMS, NEVER_TOUCHES, NOT_RUN, VARIABLES, Status
 

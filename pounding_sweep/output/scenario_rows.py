@@ -12,7 +12,7 @@ import numpy as np
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.dataset import as_stored
 from pounding_sweep.output.netcdf import reading
-from pounding_sweep.request.axes import axes_of
+from pounding_sweep.request.axes import BUILDING_DEFAULTS, axes_of
 from pounding_sweep.request.spec import laws_of, scene_of
 from pounding_sweep.variables.registry import VARIABLES
 
@@ -27,9 +27,6 @@ _MIXING = [
     (np.uint64(33), np.array([0xFF51AFD7ED558CCD, 0xBF58476D1CE4E5B9], np.uint64)),
     (np.uint64(29), np.array([0xC4CEB9FE1A85EC53, 0x94D049BB133111EB], np.uint64)),
 ]
-#: Building properties that vary -> the value that stands for the building's own.
-BUILDING_DEFAULTS = {"period_factor": 1.0, "mass_factor": 1.0, "damping_ratio": math.nan}
-BUILDING_DEFAULTS |= {"strength_factor": 1.0, "hardening": math.nan}
 
 
 def scenario_keys(columns: Mapping[str, np.ndarray]) -> np.ndarray:

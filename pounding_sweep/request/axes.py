@@ -249,7 +249,7 @@ class AxisValues:
         "hardening", "hardening", "hardening", {"ge": 0.0, "lt": 1.0},
         "Stiffness of a building's storeys that yield over their elastic one, by its name, in [0, 1), one axis each. "
         "One number for all storeys, in place of the building's own, which may differ by storey.",
-        "stiffness of yielding storeys over their elastic one", requires=_need_strengths,
+        "stiffness of yielding storeys over their elastic one", requires=_need_strengths, neutral=math.nan,
     )
     ductilities: Values = _axis(
         "ductility", "ductility", "ductility", {"ge": 1.0},
@@ -308,6 +308,8 @@ AXES: dict[str, Axis] = {field.name: field.metadata["axis"] for field in fields(
 NAMED_KINDS = {by: {name: axis.column for name, axis in AXES.items() if axis.by == by} for by in ("building", "pair")}
 #: All of them: argument -> kind.
 FACTOR_KINDS = {argument: kind for kinds in NAMED_KINDS.values() for argument, kind in kinds.items()}
+#: Building properties that vary -> the value that stands for the building's own.
+BUILDING_DEFAULTS = {axis.column: axis.neutral for axis in AXES.values() if axis.of_buildings and not axis.listed}
 #: What axes may set of a scenario beside building properties, in the order of the cube.
 COLUMNS = tuple(dict.fromkeys(axis.column for axis in AXES.values() if not axis.of_buildings))
 

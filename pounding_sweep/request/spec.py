@@ -22,7 +22,7 @@ from pounding_sweep.model.meeting import Contacts
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.records import STANDARD_GRAVITY, Record
-from pounding_sweep.request.axes import NAMED_KINDS, Axis, AxisValues, Case, axes_of, case_of
+from pounding_sweep.request.axes import BUILDING_DEFAULTS, NAMED_KINDS, Axis, AxisValues, Case, axes_of, case_of
 from pounding_sweep.request.design import Design, Distribution
 from pounding_sweep.schemes import SCHEMES
 
@@ -136,9 +136,8 @@ def case_variants(scene: Scene, cases: Sequence[Case]) -> tuple[Variants, np.nda
     settings: list[tuple[str, str | None, np.ndarray]] = [("damping_ratio", None, np.array(ratios, float))]
     for argument, kind in NAMED_KINDS["building"].items():
         factors = [dict(getattr(case, argument)) for case in cases]
-        default = math.nan if kind == "hardening" else 1.0
         for name in {name for by_name in factors for name in by_name}:
-            settings.append((kind, name, np.array([by_name.get(name, default) for by_name in factors])))
+            settings.append((kind, name, np.array([by_name.get(name, BUILDING_DEFAULTS[kind]) for by_name in factors])))
     table, rows = scene_variants(scene, len(cases), settings), dict[bytes, int]()
     index = [rows.setdefault(row.tobytes(), len(rows)) for row in np.column_stack(table.columns)]
     return table[np.unique(index, return_index=True)[1]], np.array(index[1:], np.int32)
@@ -147,10 +146,8 @@ def case_variants(scene: Scene, cases: Sequence[Case]) -> tuple[Variants, np.nda
 def scene_variants(scene: Scene, n: int, settings: Iterable[tuple[str, str | None, np.ndarray]]) -> Variants:
     """Return the scene and behind it `n` variants: values of a property of a building, or of all; NaN: the scene's."""
     names = [building.name for building in scene.buildings]
-    columns = {
-        kind: np.full((n + 1, len(names)), math.nan if kind == "hardening" else 1.0)
-        for kind in NAMED_KINDS["building"].values()
-    }
+    kinds = NAMED_KINDS["building"].values()
+    columns = {kind: np.full((n + 1, len(names)), BUILDING_DEFAULTS[kind]) for kind in kinds}
     ratio = np.full(n + 1, math.nan)
     for kind, name, values in settings:
         if name is None:
