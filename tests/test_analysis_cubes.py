@@ -163,7 +163,7 @@ def test_realised_values_are_those_of_a_law_that_is_linear_in_it():
 def test_law_without_damping_realises_one_only():
     cube = hand_cube({"law": ["linear", "hertz_damped"], "restitution": [0.6, 1.0]}, random_fill(1, "impulse"))
     compared = analysis.laws(cube)
-    assert compared.attrs["law_of"] == "hertz_damped"  # the first damped one
+    assert compared.attrs["reference_law"] == "hertz_damped"  # the first damped one
     part = compared.impulse_compared.sel(basis="realised", law="linear", **AT)
     assert np.isnan(part.sel(restitution=0.6))
     assert part.sel(restitution=1.0) == cube.impulse.sel(law="linear", restitution=0.6, **AT)
@@ -173,7 +173,7 @@ def test_one_restitution_says_why_there_is_no_second_basis():
     compared = analysis.laws(hand_cube({"law": ["linear", "hertz"]}, random_fill(1, "impulse")))
     assert compared.basis.values.tolist() == ["nominal"]
     assert "one restitution" in compared.attrs["realised_basis"]
-    assert compared.attrs["law_of"] == "linear"
+    assert compared.attrs["reference_law"] == "linear"
 
 
 # -- impacts -----------------------------------------------------------------------------------------------------------

@@ -146,7 +146,7 @@ def test_data_that_are_there_are_replaced_only_when_told(cube_file, tmp_path):
 @pytest.mark.parametrize(
     ("words", "attribute"),
     [
-        ("laws --reference linear", ("law_of", "linear")),
+        ("laws --reference linear", ("reference_law", "linear")),
         ("fragility --event force --level 50", ("event_in_words", "contact force above 50 kN")),
         ("fragility --event drift_ratio --level 1.5%", ("event_in_words", "interstorey drift ratio above 1.5 %")),
         ("fragility --event drift_ratio --level 0.015", ("event_in_words", "interstorey drift ratio above 1.5 %")),
