@@ -154,7 +154,7 @@ def _response(
             return _part(brought, f"p_{name}", given)
         return np.broadcast_to(_part(shared, name, np.asarray(constants, float)), (len(given), shared.count[name]))
 
-    owner = np.array(shape.building_of)
+    owner = np.array(shape.building_of[: shape.n_dof])
     height = np.array([(s + 1.0) / n for n in shape.storeys for s in range(n)])
     mass, stiffness = (of(name)[:, : shape.n_dof] for name in "mk")
     factor = np.array([2.0 * n**2 * (1.0 - np.cos(np.pi / (2 * n + 1))) for n in shape.storeys])  # of equal storeys

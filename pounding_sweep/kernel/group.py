@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from itertools import groupby
+from itertools import combinations_with_replacement, groupby
 from operator import add
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -418,14 +418,19 @@ class Group:
     def _elements(self, like: int, b: Any, floors: Sequence[Any], places: Mapping[int, int]) -> list[Spring]:
         """Elements of a building, which is like one that is known, their ends by the places of that one's."""
         spec, base = self.spec, self.spec.base(like) or ()
-
         pairs = list(zip(spec.floors[like], floors, strict=True))
-        storeys = [(i, *spec.storey_ends(k)) for k, i in pairs]
-        elements: list[Spring] = [
-            Storey(self, i, self._ends([places[k] for k in dofs], kinds, i), building=b) for i, dofs, kinds in storeys
-        ]
-        for k, i in pairs if base else ():  # what its a m of Rayleigh's resists is the motion relative to the base
-            ends = self._ends([places[k], *(places[q] for q in base)], ((1, ""), (-1, ""), (-1, "elevation")), i)
+        kinds = ((1, ""), (-1, ""), (-1, "elevation"))[: 1 + len(base)]  # of motions relative to the base
+        moves = [self._ends([places[k], *(places[q] for q in base)], kinds, i) for k, i in pairs]
+        elements: list[Spring] = []
+        for k, i in pairs if like not in spec.dense else ():
+            dofs, signs = spec.storey_ends(k)
+            elements.append(Storey(self, i, self._ends([places[dof] for dof in dofs], signs, i), building=b))
+        first = sum(spec.pairs[other] for other in spec.dense if other < like)
+        for j, (one, other) in enumerate(combinations_with_replacement(moves, 2) if like in spec.dense else (), first):
+            tilt = [(p, sign, x - z) for (p, sign, x), (_, _, z) in zip(one[2:], other[2:], strict=True)]
+            ends = one if one is other else [one[0], (other[0][0], -1, None), *tilt]
+            elements.append(Spring(self, j, ends, stiffness=self.prop("pair_k", j), damping=self.prop("pair_c", j)))
+        for (_, i), ends in zip(pairs, moves, strict=True) if base else ():  # Rayleigh's a m
             drag = self.prop("m", i) * self.prop("alpha", b)
             elements.append(Spring(self, i, ends, stiffness=None, damping=drag))
         for i in base:

@@ -193,6 +193,8 @@ class KernelSpec:
     dashpots: tuple[int, ...] = ()  # degrees of freedom whose storeys have dashpots
     links: tuple[tuple[int, int], ...] = ()  # degrees of freedom that are linked
     foundations: tuple[int, ...] = ()  # buildings on foundations: after all floors come sway and rocking of each
+    #: buildings whose stiffness and damping are matrices of their floors: springs and dashpots between any two of these
+    dense: tuple[int, ...] = ()
     bumpers: tuple[LawShape, ...] = ()  # laws of bumpers
     bumped: tuple[int, ...] = ()  # which of `laws` each contact has; () where all have the first
 
@@ -224,7 +226,7 @@ class KernelSpec:
     @property
     def rest_is_bounded(self) -> bool:
         """Whether bounds of a free vibration about where the row rests tell when nothing that is reported changes."""
-        return not (self.smooth or (self.yielding and self.links) or "links" in self.reducers)
+        return not (self.smooth or (self.yielding and self.links) or "links" in self.reducers or self.dense)
 
     @property
     def impulsive(self) -> bool:
@@ -295,12 +297,12 @@ class KernelSpec:
     @property
     def fused(self) -> bool:
         """Whether one step is one straight line."""
-        return self.n_dof <= FUSED_DOF or bool(self.smooth or self.foundations)
+        return self.n_dof <= FUSED_DOF or bool(self.smooth or self.foundations or self.dense)
 
     @property
     def solves_row(self) -> bool:
-        """Whether implicit steps are of the whole row: neighbours are linked, or buildings stand on foundations."""
-        return bool(self.links or self.foundations)
+        """Whether implicit steps are of the whole row: it has links, foundations, or buildings that are no chains."""
+        return bool(self.links or self.foundations or self.dense)
 
     @property
     def bilinear(self) -> tuple[int, ...]:
@@ -335,6 +337,11 @@ class KernelSpec:
         """Floors of each building, the lowest first."""
         ends = [0, *accumulate(self.storeys)]
         return [list(range(*pair)) for pair in pairwise(ends)]
+
+    @property
+    def pairs(self) -> list[int]:
+        """Springs between any two floors of each building, and between each and its base."""
+        return [n * (n + 1) // 2 for n in self.storeys]
 
     @cached_property
     def building_of(self) -> list[int]:
@@ -399,6 +406,8 @@ def property_slots(shape: KernelSpec) -> Slots:
     count |= {"drift_limit": floors} if shape.falling else {}
     count |= dict.fromkeys(("wen_beta", "wen_gamma", "wen_limit"), floors) if shape.smooth else {}
     count |= dict.fromkeys(("cap", "newmark_beta", "newmark_gamma", "settles"), 1)
+    # a matrix, row by row from its diagonal: of two floors less the number of both, of one the sum of its row
+    count |= dict.fromkeys(("pair_k", "pair_c"), sum(shape.pairs[b] for b in shape.dense))
     # what the energy of a free vibration bounds displacements by, where no bounds of modes do
     count |= {} if shape.by_series else {"flexibility": floors}
     # shares of a push on columns, of the floor above and below
