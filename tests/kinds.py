@@ -14,7 +14,6 @@ from kernels_used import (
     LINKED,
     PADDED,
     SMOOTH,
-    SMOOTHING,
     STAGGERED,
     YIELDING_SWEEP,
 )
@@ -230,6 +229,17 @@ KINDS = {
         LEANING_YIELDS, {"rk4": (5e-4, 1e-5)}, {"newmark": (2e-4, 3e-3), "exact": (5e-3, 1e-9)}, ("kelvin_voigt",),
         points=251, acts=lambda got: (got.ductility_max > 3.0).sum() == 3, stores=("hysteretic",),
     ),
+    "smooth": Kind(
+        SMOOTH,
+        {"exact": (5e-3, 1e-8), "rk4": (1e-3, 5e-6), "newmark": (2.5e-4, 2e-4)},
+        {"rk4": (5e-4, 1e-5), **_EXACT},
+        ("none", "hertz_damped", "stereomechanical"),
+        law="linear",
+        points=126,
+        scale=2.0,
+        acts=lambda got: (got.ductility_max > 1.5).sum() >= 3 and got.impact_count.sum() >= 3,
+        stores=("hysteretic",),
+    ),
     "staggered": Kind(
         STAGGERED,
         {"rk4": (5e-4, 4e-6), "newmark": (1e-4, 1e-3)},
@@ -247,7 +257,6 @@ KINDS = {
 }  # fmt: skip
 #: Rows without a reference of this kind, and the schemes that run them.
 INVARIANT = {name: (kind.scene, kind.law, tuple(kind.runs)) for name, kind in KINDS.items() if kind.runs}
-INVARIANT["smooth"] = SMOOTH, "linear", SMOOTHING
 INVARIANT["the pair"] = pair(), "kelvin_voigt", ("rk4", "exact")
 INVARIANT["the pair, by powers"] = pair(), "hertz_damped", ("newmark", "central_difference")
 #: Of each feature: a row with it, one that names it and has none of it, what of a kernel's shape and of its reducers is

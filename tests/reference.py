@@ -24,6 +24,8 @@ Conventions where a choice had to be made:
   when struck, unless they rebound. ``impact_force_max`` and ``penetration_max`` mean nothing.
 * A storey with a yield strength Vy has the shear ``V = k drift - (1 - hardening) k p``; its plastic drift p stands
   still while ``|drift - p| < Vy / k`` and follows the drift at that distance while it yields, until the drift turns.
+* A storey of Bouc and Wen has the same shear; its plastic drift is a state, and flows at
+  ``|z / dy|^n (gamma w + beta |w| sign z)``, w the rate of the drift, z = drift - p, dy = Vy / k.
 * With ``p_delta`` every floor's weight m g stands on the storeys below it and, for each, does the work
   ``m g drift^2 / (2 h)`` as its storey leans (it goes down by h - sqrt(h^2 - drift^2)); stiffness matrix, modes and
   Rayleigh damping are those of storeys and weights. ``storey_shear_max`` is that of the storey alone. One that yields
@@ -70,6 +72,7 @@ class ShearBuilding:
     yield_strengths: list[float] | None = None  # kN; infinite where a storey never yields
     hardening: float | list[float] = 0.0  # of all storeys, or of each
     tangent_damping: bool = False
+    bouc_wen: tuple[float, float, float] | None = None  # n, beta, gamma of all storeys that yield
     dashpots: list[float] | None = None  # kN s/m, between each floor and the one below
     p_delta: bool = False
     # m, I, K_h, K_theta, c_h, c_theta
@@ -351,6 +354,9 @@ class _Row:
         self.strength = np.concatenate(strengths).astype(float)
         self.yields = bool(np.isfinite(self.strength).any())
         self.yield_drift = np.where(np.isfinite(self.strength), self.strength, 0.0) / self.k_storey
+        shapes = np.concatenate([np.full((len(b.masses), 3), b.bouc_wen or np.nan) for b in real])
+        self.smooth = np.flatnonzero(np.isfinite(self.strength) & np.isfinite(shapes[:, 0]))
+        self.flow = shapes[self.smooth].T
         # what the damper of a storey that yields loses of its coefficient (kN s/m)
         self.undamped = np.concatenate(
             [
@@ -454,12 +460,14 @@ class _Solver:
         self.i_hyst = slice(self.size, self.size + (nb if row.yields else 0))  # energies lost in yielding
         self.i_link = slice(self.i_hyst.stop, self.i_hyst.stop + (nb if len(row.across) else 0))  # given to links
         self.i_lost = slice(self.i_link.stop, self.i_link.stop + len(row.across))  # lost in their dashpots
-        self.size = self.i_lost.stop
+        self.i_plastic = slice(self.i_lost.stop, self.i_lost.stop + len(row.smooth))  # of storeys of Bouc and Wen
+        self.size = self.i_plastic.stop
         self.phase = np.zeros(row.floors)  # of each storey: 0 elastic, 1 or -1 yielding to that side
         self.slip = np.zeros(row.floors)  # its plastic drift, while elastic
         self.fallen = None  # when the first storey fell, and its number
         self.atol = np.full(self.size, float(atol))
-        self.atol[2 * n :] *= max(1.0, float(np.max(row.m)))  # energies and impulses: mass times velocities
+        # energies and impulses: mass times velocities
+        self.atol[2 * n : self.i_lost.stop] *= max(1.0, float(np.max(row.m)))
         self.state = np.zeros(np_, dtype=int)
         self.v0 = np.full(np_, V0_FLOOR)
         self.bilinear = [None] * np_
@@ -490,19 +498,21 @@ class _Solver:
                     found[p] += damper_force(rule, self.k[p], d[p], v[p], self.row.meff[p], self.v0[p], self.z[p])
         return found
 
-    def storeys(self, u):
+    def storeys(self, y):
         """Return (drift, plastic drift, shear) of every storey in the frozen phases."""
-        row, column = self.row, (slice(None),) + (None,) * (u.ndim - 1)
-        drift = row.drift @ u
+        row, column = self.row, (slice(None),) + (None,) * (y.ndim - 1)
+        drift = row.drift @ y[self.iu]
         plastic = np.where(self.phase[column] == 0.0, self.slip[column], drift - (self.phase * row.yield_drift)[column])
+        plastic[row.smooth] = y[self.i_plastic]
         return drift, plastic, row.k_storey[column] * (drift - row.softening[column] * plastic)
 
     def at_rest(self, y):
         """Drift of each storey under no shear: unloaded, and yielding back on the way where it must."""
         row = self.row
         rest = np.zeros(row.floors)
-        plastic = self.storeys(y[self.iu])[1]
-        for i in np.flatnonzero(np.isfinite(row.strength)):
+        plastic = self.storeys(y)[1]
+        rest[row.smooth] = np.nan  # that go on flowing while they unload
+        for i in np.setdiff1d(np.flatnonzero(np.isfinite(row.strength)), row.smooth):
             k, g = row.k_storey[i], row.leaning[i]
             soft, p, limit = row.softening[i] * k, abs(plastic[i]), row.strength[i] / k
             # no force is left where (k - g) d = soft p; if z = d - p is beyond yield there, it yields on
@@ -527,13 +537,13 @@ class _Solver:
         row, column = self.row, (slice(None),) + (None,) * (u.ndim - 1)
         return row.k_link[column] * (row.across @ u) + row.c_link[column] * (row.across @ v)
 
-    def motion(self, u, v, ag):
+    def motion(self, y, ag):
         """Return (acceleration relative to the ground, F, d, rate of d)."""
-        row = self.row
+        row, u, v = self.row, y[self.iu], y[self.iv]
         m = row.m if u.ndim == 1 else row.m[:, None]
         ag = row.ground * ag if u.ndim == 1 else row.ground[:, None] * ag
         if row.yields:
-            drift, _, shear = self.storeys(u)
+            drift, _, shear = self.storeys(y)
             load = -self.damping(v) - row.drift.T @ (shear - (row.leaning * drift.T).T) - row.base @ u
         else:
             load = -self.damping(v) - row.K @ u
@@ -560,18 +570,22 @@ class _Solver:
         row = self.row
         u, v = y[self.iu], y[self.iv]
         ag = self.ag0 + self.slope * tau
-        a, f, _, rate = self.motion(u, v, ag)
+        a, f, _, rate = self.motion(y, ag)
         power_in = row.owner @ (-row.m * row.ground * ag * v)
         power_damp = row.owner @ (v * self.damping(v))
         rates = [v, a, power_in, power_damp, f * rate, f]
         if row.yields:  # of a storey that yields, z dp = Vy/k |d drift|
             with np.errstate(invalid="ignore"):
                 power = np.where(self.phase != 0.0, row.softening * row.strength * self.phase * (row.drift @ v), 0.0)
+            drift, plastic, _ = self.storeys(y)
+            z, w, (n, beta, gamma) = (drift - plastic)[row.smooth], (row.drift @ v)[row.smooth], row.flow
+            flow = np.abs(z / row.yield_drift[row.smooth]) ** n * (gamma * w + beta * np.abs(w) * np.sign(z))
+            power[row.smooth] = (row.softening * row.k_storey)[row.smooth] * z * flow
             rates.append(row.owner[:, : row.floors] @ power)
         if len(row.across):
             pull = self.pull(u, v)
             rates += [row.owner @ (v * (row.across.T @ pull)), row.c_link * (row.across @ v) ** 2]
-        return np.concatenate(rates)
+        return np.concatenate([*rates, flow] if row.yields else rates)
 
     def energies(self, y):
         """Return (kinetic, strain, transfer) per building."""
@@ -581,7 +595,7 @@ class _Solver:
         kinetic = row.owner @ (0.5 * m * v * v)
         strain = row.owner @ (0.5 * u * (row.K @ u))
         if row.yields:
-            drift, plastic, _ = self.storeys(u)
+            drift, plastic, _ = self.storeys(y)
             k, soft, g = (x if y.ndim == 1 else x[:, None] for x in (row.k_storey, row.softening, row.leaning))
             springs = 0.5 * k * ((1.0 - soft) * drift**2 + soft * (drift - plastic) ** 2)
             strain = row.owner[:, : row.floors] @ (springs - 0.5 * g * drift**2)
@@ -605,7 +619,9 @@ class _Solver:
         row, out = self.row, []
         drift, rate = row.drift @ y[self.iu], row.drift @ y[self.iv]
         for i in np.flatnonzero(np.isfinite(row.strength)):
-            if self.phase[i] == 0.0:
+            if i in row.smooth:
+                pass
+            elif self.phase[i] == 0.0:
                 z, limit = drift[i] - self.slip[i], row.strength[i] / row.k_storey[i]
                 out += [(row.np + i, 1.0, z - limit), (row.np + i, -1.0, -z - limit)]
             else:
@@ -621,7 +637,7 @@ class _Solver:
         d = d - (row.gap if y.ndim == 1 else row.gap[:, None])
         rate = row.B @ y[self.iv]
         if self.jump:
-            f = self.motion(y[self.iu], y[self.iv], self.ag0 + self.slope * np.asarray(tau))[1]
+            f = self.motion(y, self.ag0 + self.slope * np.asarray(tau))[1]
             stuck = self.state == CLOSED
             return [(p, OPEN, -f[p] / row.meff[p]) if stuck[p] else (p, CLOSED, d[p]) for p in range(row.np)]
         out = []
@@ -701,7 +717,7 @@ class _Solver:
                 self.fallen = t_global, i
                 return y
             if target == 0.0:  # the drift turns
-                self.slip[i] = self.storeys(y[self.iu])[1][i]
+                self.slip[i] = self.storeys(y)[1][i]
             self.phase[i] = target
             return y
         if self.jump:
@@ -773,7 +789,7 @@ class _Solver:
         row, stick = self.row, np.zeros(self.row.np, dtype=bool)
         if may.any():
             known, self.state = self.state, np.zeros(row.np, dtype=int)
-            a = self.motion(y[self.iu], y[self.iv], self.ag0 + self.slope * (t - self.t_start))[0]
+            a = self.motion(y, self.ag0 + self.slope * (t - self.t_start))[0]
             self.state = known
             b = row.B[may]
             f = nnls((b / np.sqrt(row.m)).T, np.sqrt(row.m) * a)[0]
@@ -786,9 +802,9 @@ class _Solver:
         """Every quantity whose largest value is wanted, one row each."""
         row, u, v = self.row, y[self.iu], y[self.iv]
         ag = self.ag0 + self.slope * tau
-        a, f, d, _ = self.motion(u, v, ag)
+        a, f, d, _ = self.motion(y, ag)
         transfer = self.energies(y)[2]
-        drift, _, shear = self.storeys(u)
+        drift, _, shear = self.storeys(y)
         total = np.abs(a + row.ground.reshape(-1, *[1] * (u.ndim - 1)) * ag)
         return np.concatenate(
             [u, -u, np.abs(drift), total, f, d, np.abs(shear), self.spread(u, v), transfer, -transfer]
@@ -1011,7 +1027,7 @@ def run(
         "link_force": row.by_building(pull),
         "energy_links": y[s.i_link].copy() if len(row.across) else np.zeros(nb),
         "energy_of_links": float(np.sum(y[s.i_lost]) + 0.5 * np.sum(row.k_link * (row.across @ y[s.iu]) ** 2)),
-        "plastic_drift_final": row.by_building(s.storeys(y[s.iu])[1]),
+        "plastic_drift_final": row.by_building(s.storeys(y)[1]),
         "ductility_max": row.by_building(
             drift * row.k_storey / np.where(np.isfinite(row.strength), row.strength, np.nan)
         ),
