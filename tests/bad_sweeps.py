@@ -1,20 +1,21 @@
 """Bad sweeps, as Python arguments and as files: `report` lists every message for those of golden/bad_sweeps.txt.
 
 A line of that file that is not indented is a case: arguments in place of those of a valid sweep, an edit of the file
-`GOOD` as 'old' -> 'new', or the text of a whole file as an expression; what is said of it stands below it.
-`python tests/bad_sweeps.py` writes the messages anew.
+`GOOD` as 'old' -> 'new', or the text of a whole file as an expression. Below it stand the places of its faults, each
+with its kind. At the end is the first text of each kind: texts of one kind differ by values and names alone.
+`python tests/bad_sweeps.py` writes all but the cases anew.
 """
 
 from __future__ import annotations
 
 import ast
 import functools
+import hashlib
 import itertools
 import os
 import re
 import sys
 import tempfile
-import textwrap
 import warnings
 from pathlib import Path
 from unittest import mock
@@ -173,45 +174,61 @@ records = ["el_centro"]
 NAMES |= {"SMALL": SMALL, "_CASES": _CASES, "_STAGGERED": _STAGGERED, "BAD": BAD}
 
 
-def _told(make) -> str:
+#: What texts of one kind differ by: names and values, however they are written.
+_VALUES = re.compile(
+    r"""b?'[^']*' | "[^"]*" | \[[^][]*\] | -?(?<![\w*])[\d.]+(?:e[-+]?\d+)?j?
+    | -?\b(?:nan|inf)\b | True | False | None""",
+    re.VERBOSE,
+)
+TEXTS = "# the first text of each kind"
+
+
+def _told(make) -> list[str]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             make()
         except SweepError as error:
-            return textwrap.indent("\n".join(error.problems), "    ")
-    return "    accepted"
+            return list(error.problems)
+    return ["accepted"]
 
 
 @mock.patch.object(build, "find_record", functools.cache(build.find_record))
 def report(folder: Path) -> str:
-    """Return every input with what is said of it; records are read once."""
+    """Return every input with the places and kinds of its faults, and a text of each kind; records are read once."""
     (folder / "x.csv").write_text("0.1\n0.2\n-0.3\n")
     path = folder / "s.toml"
 
-    def load(text: str) -> str:
+    def load(text: str) -> list[str]:
         path.write_text(text)
-        return _told(lambda: load_spec(path)).replace(f"{path}:", "").replace(f"{folder}/", "")
+        return [each.replace(f"{path}:", "").replace(f"{folder}/", "") for each in _told(lambda: load_spec(path))]
 
-    said = []
-    for line in GOLDEN.read_text().splitlines():
+    lists = ("outputs", sorted(VARIABLES)), ("laws", sorted(LAWS)), ("laws", list(LAWS))
+    said, texts = [], {}
+    for line in GOLDEN.read_text().partition(TEXTS)[0].splitlines():
         if line.startswith("    "):  # what was said before
             continue
         said.append(line)
         if line.startswith("file: "):
-            said.append(load(eval(line.removeprefix("file: "), NAMES)))
+            problems = load(eval(line.removeprefix("file: "), NAMES))
         elif edit := re.fullmatch(r"(['\"].*['\"]) -> (['\"].*['\"])", line):
             old, new = map(ast.literal_eval, edit.groups())
             assert old in GOOD
-            said.append(load(GOOD.replace(old, new, 1)))
+            problems = load(GOOD.replace(old, new, 1))
         else:
             change = eval(f"dict({line})", NAMES)
             sweep = {"scene": "mate2015", "records": PULSE, "laws": "linear"} | change
-            said.append(_told(lambda sweep=sweep: build_spec(**sweep)))
-    text = "\n".join(said) + "\n"
-    for what, names in (("outputs", sorted(VARIABLES)), ("laws", sorted(LAWS)), ("laws", list(LAWS))):
-        text = text.replace(", ".join(names), f"ALL {what}")  # they grow, and no message changes by that
-    return text
+            problems = _told(lambda sweep=sweep: build_spec(**sweep))
+        for problem in problems:
+            place, text = re.fullmatch(r"((?:\d+(?::\d+)?: )?(?:[\w.\[\]-]+: )?)(.*)", problem, re.DOTALL).groups()
+            for what, names in lists:  # that grow, and no message changes by that
+                text = text.replace(", ".join(names), f"ALL {what}")
+            template = _VALUES.sub("_", text)
+            words, digest = re.findall("[a-z]+", template)[:4], hashlib.sha256(template.encode()).hexdigest()
+            kind = " ".join([*words, digest[:3]])
+            texts.setdefault(kind, text)
+            said.append(f"    {place}{kind}")
+    return "\n".join([*said, TEXTS, *(f"    {kind}: {text}" for kind, text in sorted(texts.items())), ""])
 
 
 if __name__ == "__main__":
