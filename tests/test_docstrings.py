@@ -19,7 +19,15 @@ MODULES = [
 ]
 #: Those whose examples run kernels.
 RUN = {
-    *("accuracy.certificate", "accuracy.tradeoff", "analysis.spectra", "figures", "figures.gallery.scenario"),
+    *(
+        "accuracy.certificate",
+        "accuracy.law_check",
+        "accuracy.tradeoff",
+        "analysis.comparisons.gaps",
+        "analysis.spectra",
+        "figures",
+        "figures.gallery.scenario",
+    ),
     *("output.audited", "output.describe", "output.merge", "output.netcdf", "pages.view"),
     "run.simulate",
 }

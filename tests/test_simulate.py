@@ -273,14 +273,17 @@ def test_random_scenes_obey_mechanics(scene, factor, e, record, law_and_method):
     touched = got.impact_count.values > 0
     for name in ("impact_force_max", "penetration_max"):
         assert np.array_equal(got[name].values > 0, touched), name
-    assert bool((got.approach_speed_max >= 0).all())
+    assert not got.approach_speed_max.values[~touched].any()
     if not LAWS[law].tension:
         assert float(got.contact_force.min()) >= 0.0
         assert float(got.impulse.min()) >= 0.0
     # contacts take energy and never give any (but for the little an undamped one errs)
     assert float(got.contact_work.min()) >= -1e-3 * max(float(abs(got.energy_input).max()), 1e-12)
-    assert bool((got.displacement_max >= 0).all())
-    assert bool((got.displacement_min <= 0).all())
+    # histories come near the peaks, which lie between their instants, and never pass them
+    for sign, peak in ((1.0, got.displacement_max), (-1.0, -got.displacement_min)):
+        seen, most = (sign * got.displacement).max("time"), float(peak.max())
+        assert float((seen - peak).max()) <= 1e-12 * most
+        assert float((peak - seen).max()) < 0.02 * most
     # of a building that hardly damps, rounding is all there is
     assert bool((got.energy_damping >= -1e-10 * abs(got.energy_input).max()).all())
 

@@ -108,7 +108,7 @@ def check_law(
     Examples
     --------
     >>> mine = Law(key="mine", exponent=1.25, damper="c*d**1.25", damping="elastic", number="1.5*(1 - e)")
-    >>> check_law(mine, [0.6]).faults  # doctest: +SKIP
+    >>> check_law(mine, [0.6]).faults
     []
     """
     checked = find_law(law)

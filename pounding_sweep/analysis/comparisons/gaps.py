@@ -232,7 +232,8 @@ def required_gap(
 
     Examples
     --------
-    >>> required_gap("mate2015", "el_centro").exact.sel(pair="left-middle").item()  # doctest: +SKIP
+    >>> round(required_gap("mate2015", "el_centro").exact.sel(pair="left-middle").item(), 4)
+    0.0206
     """
     factors = behaviour or BehaviourFactors()
     scene, runs = uncoupled_runs(source, records, folders)

@@ -379,9 +379,12 @@ def animate(
 
     Examples
     --------
+    >>> import tempfile
     >>> import pounding_sweep as ps
     >>> one = ps.simulate("mate2015", "el_centro", law="linear")
-    >>> path = animate(one, "row.gif", frames=20)  # doctest: +SKIP
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     animate(one, f"{folder}/row.gif", frames=4).name
+    'row.gif'
     """
     target = Path(path)
     check_movie(target, frames, speed)
