@@ -212,6 +212,14 @@ def test_sliders_change_what_is_drawn_to_values_of_the_cube(browser, tmp_path):
     assert [line["name"] for line in lines] == ["linear", "kelvin_voigt", "none"]
     assert lines[0]["x"] == cube["gap"].values.tolist()
     same([line["y"] for line in lines], force.transpose("law", "gap").values)
+    from selenium.webdriver.common.keys import Keys
+
+    slider = browser.driver.find_element("css selector", "[data-dim=scale]")
+    slider.send_keys(Keys.ARROW_LEFT)
+    browser.until("return document.querySelector('[data-dim=scale]').parentElement.textContent.includes('0.5')")
+    slower = largest(cube["impact_force_max"].isel(at | {"scale": 0}))
+    same([line["y"] for line in browser.traces()[:3]], slower.transpose("law", "gap").values)
+    slider.send_keys(Keys.ARROW_RIGHT)
     browser.set("#output", "displacement_min")
     browser.set("[data-dim=building]", 1)
     browser.set("#across", "stiffness_factor")
@@ -245,13 +253,17 @@ def test_a_click_shows_the_scenario_of_the_cube(browser, tmp_path, stub_engine):
         "const [box, {x, y}] = [gd.getBoundingClientRect(), gd.data[1]];"
         "return [box.x + xaxis._offset + xaxis.l2p(x[2]), box.y + yaxis._offset + yaxis.l2p(y[2])]"
     )
-    clicks = ActionChains(browser.driver)
-    clicks.w3c_actions.pointer_action.move_to_location(round(x), round(y))
-    clicks.pause(0.2).click().perform()
+    pointer = ActionChains(browser.driver)
+    pointer.w3c_actions.pointer_action.move_to_location(round(x), round(y))
+    pointer.perform()
+    hover = browser.until("return document.querySelector('.hoverlayer').textContent")
+    ActionChains(browser.driver).click().perform()
     browser.until("return document.getElementById('command').textContent.includes('kelvin_voigt')")
     choice = dict(browser.scenario())
     assert (choice["law"], float(choice["gap"])) == ("kelvin_voigt", cube["gap"].values[2])
     one = select(cube, choice)
+    force = f"{float(largest(one['impact_force_max'])):.6g}"
+    assert hover == f"kelvin_voigtgap {one['gap'].item():g} mimpact_force_max {force} kN"
     for name in ("impact_force_max", "displacement_min", "drift_max"):
         value = float(largest(one[name]))
         shown = browser.text(f"[data-result={name}] td:nth-child(2)")
@@ -306,6 +318,8 @@ def test_what_is_not_ok_is_marked(browser, tmp_path):
     codes = cube["status"].isel(law=0, restitution=0, scale=0, stiffness_factor=0)
     assert len(browser.traces()[1]["x"]) == int((codes != 0).sum())
     assert [len(row) for row in browser.traces()[0]["z"]] == [5, 5, 5]
+    ticks = browser.run("return [...document.querySelectorAll('.ytick text')].map((tick) => tick.textContent)")
+    assert ticks == cube["record"].values.tolist()
     browser.check(tmp_path / "a.html")
 
 
@@ -322,9 +336,8 @@ def none_ok():
 CUBES = {
     "none ok": (none_ok, "No scenario is ok: 24 diverged"),
     "one axis": (one_axis, ""),
-    "one scenario": (lambda: made.cube(law=1, gap=1, restitution=1), ""),
+    "one scenario, a wall": (lambda: made.cube(law=1, gap=1, restitution=1, right_wall=True), ""),
     "cases": (made.design, ""),
-    "wall": (lambda: made.cube(right_wall=True), ""),
     "without its sweep": (lambda: made.cube().drop_attrs(deep=False), ""),
 }
 

@@ -69,11 +69,12 @@ const offset = (name, place) =>
 const placeOf = (name, offset, own) =>
   Object.fromEntries(own.map((dim) => [dim, Math.floor(offset / fields[name].step[dim]) % size(dim)]));
 
-// An axis to draw along: a dimension, an input that varies along one, or, without values, an output.
+// An axis to draw along, its texts as Plotly takes them: a dimension, an input along one, or, without values, an output.
 function axisOf(name) {
-  if (dims[name]) return { name, dim: name, about: dims[name], values: dims[name].values };
+  const plain = (value) => (typeof value === "string" ? escaped(value) : value);
+  if (dims[name]) return { name, dim: name, about: dims[name], values: dims[name].values.map(plain) };
   const { dims: own, labels, input } = fields[name];
-  const values = input ? Array.from(loaded[name], (value) => (labels ? labels[value] : value)) : [];
+  const values = input ? Array.from(loaded[name], (value) => plain(labels ? labels[value] : value)) : [];
   return { name, dim: own[0], about: fields[name], values };
 }
 
@@ -184,7 +185,7 @@ function lines(name, x, per) {
   const read = pointReader(name, [x.dim, per?.dim]);
   const groups = groupsOf(per, x, read);
   const y = axisOf(name);
-  const labelOf = (label) => escaped(per ? worded(per.about, label) : name);
+  const labelOf = (label) => (per ? worded(per.about, label) : name);
   const bad = [];
   const traces = groups.map(({ label, indices, place }, k) => {
     const hue = 260 - (230 * k) / Math.max(1, groups.length - 1);
@@ -200,10 +201,9 @@ function lines(name, x, per) {
   const lost = bad.filter((point) => point.z === null).map((point) => ({ ...point, y: 0.02 }));
   traces.push(traceOfBad(name, known, { name: "not ok", marker: marker("circle-open", 11) }));
   traces.push(traceOfBad(name, lost, { name: "no value", yaxis: "y2", marker: marker("x-thin-open", 11) }));
-  const all = traces.filter((trace) => trace.x.length);
   const legend = { orientation: "h", y: -0.25, title: { text: per ? `${escaped(per.name)} ` : "" } };
   const yaxis2 = { overlaying: "y", range: [0, 1], visible: false, fixedrange: true };
-  return [all, { yaxis: axisLayout(y, "logy"), yaxis2, legend }, read];
+  return [traces.filter((trace) => trace.x.length), { yaxis: axisLayout(y, "logy"), yaxis2, legend }, read];
 }
 
 function map(name, x, y) {
@@ -213,7 +213,7 @@ function map(name, x, y) {
   const rows = (isScatter ? [0] : range(size(y.dim))).map((j) =>
     range(size(x.dim)).map((i) => read(place(i, j), x.values[i], y.values[isScatter ? i : j])),
   );
-  const cell = isScatter ? 12 : Math.max(5, Math.min(26, 400 / size(x.dim), 300 / size(y.dim)));
+  const cell = isScatter ? 12 : Math.max(5, Math.min($("figure").clientWidth / size(x.dim), 300 / size(y.dim)) / 1.5);
   const colorbar = { title: { text: units(fields[name]).trim() }, thickness: 14, outlinewidth: 0 };
   const [z, places] = ["z", "place"].map((key) => rows.map((row) => row.map((point) => point[key])));
   const height = hoverLine(axisOf(name), isScatter ? "marker.color" : "z");

@@ -205,10 +205,12 @@ def _choices(cube: xr.Dataset, dims: Sequence[str], drawn: Sequence[str], inputs
     few = [*axes, *(name for name in along if unique[name] <= _MOST_LINES)]
     axes = [*axes, *along] or [dims[0]]
     numbers = [name for name in axes if cube[name].dtype.kind in "iuf" and name not in ("case", *INNER_DIMS)]
-    across = next(name for name in (*_ACROSS, *numbers, *axes) if name in axes)
+    output = next(name for name in (*_OUTPUTS, *drawn) if name in drawn)
+    varying = [name for name in axes if {*cube[name].dims} <= {*cube[output].dims}]
+    across = next(name for name in (*_ACROSS, *numbers, *varying) if name in axes)
     return {
         **{"axes": axes, "few": few, "inputs": along, "across": across, "most_lines": _MOST_LINES},
-        "output": next((name for name in (*_OUTPUTS, *drawn) if name in drawn), None),
+        "output": output,
         "per": next((name for name in _PER if name in few), ""),
         "up": next((name for name in (*numbers, *axes) if name != across), ""),
     }
