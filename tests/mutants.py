@@ -1,6 +1,6 @@
-"""Ten small faults put into a copy of the package, one at a time: the default tests catch each of them.
+"""Sixteen small faults put into a copy of the package, one at a time: the default tests catch each of them.
 
-``python tests/mutants.py`` runs, for each, only the module that is to catch it; with the name of a file of the package,
+``python tests/mutants.py`` runs, for each, only the tests that are to catch it; with the name of a file of the package,
 only the faults in that file.
 """
 
@@ -45,6 +45,28 @@ MUTANTS = (
         'results.slots["drift"] * results.variants.elastic_stiffnesses',
         'results.slots["drift"] * results.variants.elastic_stiffnesses[:, ::-1]',
         "test_kernels.py",
+    ),
+    # storeys that yield bear a little less than their strength
+    (
+        "kernel/hysteresis.py",
+        "yielding = phase * (soft * storey.yield_drift)",
+        "yielding = phase * (soft * 0.99 * storey.yield_drift)",
+        "test_kinds_of_rows.py::test_every_variable_equals_the_reference",
+    ),
+    # the plastic drift of Bouc and Wen flows while it unloads as while it loads
+    ("kernel/bouc_wen.py", "where(z * v < 0.0, -beta, beta)", "beta", "test_bouc_wen.py"),
+    # dampers beside contacts that are stepped by series pull a little less
+    ("kernel/series.py", "contact.c_active * w)", "0.99 * contact.c_active * w)", "test_series.py"),
+    # the ground pushes a little less inside the steps of flight
+    ("kernel/flight.py", "fma(-pushed, ground, total)", "fma(-0.99 * pushed, ground, total)", "test_flight.py"),
+    # peaks in flight by rates of the wrong sign
+    ("kernel/peaks.py", "21.0 * b7) - 4.0 * r1", "21.0 * b7) + 4.0 * r1", "test_flight.py"),
+    # floors at rest on each other take the velocity of the lighter ones
+    (
+        "kernel/impulse.py",
+        "mean = (total[j] + m * x[right]) / (mass[j] + m)",
+        "mean = x[right]",
+        "test_stereomechanical.py",
     ),
 )
 
