@@ -166,7 +166,7 @@ def by_heyoka(case: Case) -> dict[str, np.ndarray]:
 
 def _matrices(building: ps.Building) -> tuple[np.ndarray, np.ndarray]:
     """Stiffness and damping matrix of one building."""
-    stiffness, (a, b) = building.stiffness_matrix, building.rayleigh
+    stiffness, (a, b) = building.system_matrix, building.rayleigh
     damping = a * np.diag(building.masses) + b * stiffness
     if building.dashpots is not None:
         drift = np.eye(building.n_storeys) - np.eye(building.n_storeys, k=-1)

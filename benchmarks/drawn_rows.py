@@ -68,12 +68,12 @@ def _smooth(building: Building, random: np.random.Generator) -> Building:
 
 
 def _dashed(building: Building, random: np.random.Generator) -> Building:
-    return replace(building, dashpots=[k * _log(random, 1e-3, 1e-2) for k in building.stiffnesses])
+    return replace(building, dashpots=[k * _log(random, 1e-3, 1e-2) for k in building.storey_stiffnesses])
 
 
 def _founded(building: Building, random: np.random.Generator) -> Building:
     """On soil of two to twenty times the stiffness of the first storey."""
-    mass, k = float(np.mean(building.masses)), building.stiffnesses[0]
+    mass, k = float(np.mean(building.masses)), building.storey_stiffnesses[0]
     rocks = k * building.elevations[-1] ** 2
     stiff, damped = ([_log(random, *range_) for _ in "ab"] for range_ in ((2.0, 20.0), (2e-3, 2e-2)))
     springs = [k * stiff[0], rocks * stiff[1], k * damped[0], rocks * damped[1]]
@@ -89,7 +89,7 @@ def _linked(row: Row, random: np.random.Generator) -> dict[str, Any]:
     pairs = [both for both in pairwise(row) if all(isinstance(each, Building) for each in both)]
     if not pairs:
         return {}
-    soft = min(each.stiffnesses[0] for each in pairs[0] if isinstance(each, Building))
+    soft = min(each.storey_stiffnesses[0] for each in pairs[0] if isinstance(each, Building))
     parts = {"stiffness": soft * _log(random, 0.01, 0.3), "damping": soft * _log(random, 1e-4, 1e-2)}
     return {"links": [Link("-".join(each.name for each in pairs[0]), [1], **parts)]}
 
@@ -163,7 +163,7 @@ def draw(
         ratio = float(random.choice([0.01, 0.02, 0.05, 0.05, 0.1]))
         plain = Building(f"b{i}", masses, (1e3 * mass * shape).tolist(), ratio)
         stiffer = (plain.periods[0] / period) ** 2
-        row.append(Building(f"b{i}", masses, [stiffer * k for k in plain.stiffnesses], ratio))
+        row.append(Building(f"b{i}", masses, [stiffer * k for k in plain.storey_stiffnesses], ratio))
     pairs = len(row) - 1
     scene = Scene(row, [0.0] * pairs)
     scales = [log(0.05, 0.8) * 9.81 / record.pga for _ in range(CASES)]

@@ -38,7 +38,7 @@ def opensees(ops: Any, building: ps.Building, record: ps.Record, dt: float) -> n
         ops.equalDOF(i, 100 + i, 1)
     for i in tags:
         ops.mass(i, building.masses[i - 1], 0.0)
-        given = float(building.yield_strengths[i - 1]), building.stiffnesses[i - 1], building.hardening
+        given = float(building.yield_strengths[i - 1]), building.storey_stiffnesses[i - 1], building.hardening
         ops.uniaxialMaterial("Steel01", i, *given)
         ops.element("zeroLength", i, i - 1, i, "-mat", i, "-dir", 1)
         ops.uniaxialMaterial("Viscous", 200 + i, beta * building.lateral_stiffnesses[i - 1], 1.0)

@@ -26,7 +26,7 @@ def independent(work: Work, gap: float) -> Peaks:
     import reference
 
     buildings = [
-        reference.ShearBuilding(list(b.masses), list(b.stiffnesses), rayleigh=b.rayleigh) for b in work.scene.buildings
+        reference.ShearBuilding([*b.masses], [*b.storey_stiffnesses], rayleigh=b.rayleigh) for b in work.scene.buildings
     ]
     gaps = [gap] * (len(buildings) - 1)
     record = work.record

@@ -38,7 +38,7 @@ REFERENCE = {"accuracy": ACCURACIES[-1]}
 
 def _founded(building: Building) -> Building:
     """On soil of five times the stiffness of its storeys."""
-    mass, k = float(np.mean(building.masses)), 5.0 * building.stiffnesses[0]
+    mass, k = float(np.mean(building.masses)), 5.0 * building.storey_stiffnesses[0]
     rocks = k * building.elevations[-1] ** 2
     return replace(building, foundation=ps.Foundation(mass, 10.0 * mass, k, rocks, 1e-3 * k, 1e-3 * rocks))
 

@@ -69,7 +69,7 @@ class Row:
         sizes = [b.n_storeys for b in buildings]
         return cls(
             mass=np.concatenate([b.masses for b in buildings]),
-            stiffness=np.concatenate([b.stiffnesses for b in buildings]),
+            stiffness=np.concatenate([b.storey_stiffnesses for b in buildings]),
             alpha=np.repeat([b.rayleigh[0] for b in buildings], sizes),
             beta=np.repeat([b.rayleigh[1] for b in buildings], sizes),
             bottom=np.concatenate([np.arange(n) == 0 for n in sizes]),

@@ -45,7 +45,7 @@ def runner(scene: ps.Scene, record: ps.Record, method: str, dt: float, law: str 
 
 def weakened(scene: ps.Scene, record: ps.Record, reduction: float = REDUCTION) -> ps.Scene:
     """Return the row with storeys that yield at a share of the largest shears of the elastic row."""
-    k = np.concatenate([building.stiffnesses for building in scene.buildings])
+    k = np.concatenate([building.storey_stiffnesses for building in scene.buildings])
     parts = np.split(runner(scene, record, "rk4", 1e-3)()[0] * k / reduction, scene.offsets[1:-1])
     pairs = zip(scene.buildings, parts, strict=True)
     row = [replace(building, yield_strengths=part.tolist(), hardening=HARDENING) for building, part in pairs]
@@ -60,7 +60,7 @@ def opensees(ops: Any, scene: ps.Scene, record: ps.Record, dt: float) -> np.ndar
     ops.fix(1000, 1)
     for building, first in zip(scene.buildings, scene.offsets, strict=False):
         assert building.yield_strengths is not None
-        storeys = zip(building.masses, building.stiffnesses, building.yield_strengths, strict=True)
+        storeys = zip(building.masses, building.storey_stiffnesses, building.yield_strengths, strict=True)
         for tag, (mass, stiffness, strength) in enumerate(storeys, first + 1):
             ops.node(tag, 0.0)
             ops.mass(tag, mass)

@@ -10,6 +10,7 @@ from numpydoc.docscrape import NumpyDocString
 
 from pounding_sweep.model.building import BoucWen, Building, Foundation
 from pounding_sweep.model.faults import Table
+from pounding_sweep.model.frames import typical, typical_building
 from pounding_sweep.model.laws import hertz_stiffness
 from pounding_sweep.model.presets import base_isolated
 from pounding_sweep.model.scene import Bumper, ContactProperties, Link, Scene, Wall
@@ -43,6 +44,7 @@ _OWN = {
     ("[scene]", "gaps"): "Gap (m) of each pair of neighbours, left to right; a preset's own where not given.",
     ("[scene]", "contact"): "Reference contact properties, below.",
     ("[[scene.row]], a building", "isolation"): "Isolators that the building is put on, below.",
+    ("[[scene.row]], a building", "typical"): "Of which little is known: in place of masses and stiffnesses, below.",
     ("[[scene.row]], a wall", "wall"): "Says that this is a wall.",
     ("[[scene.row]], a wall", "name"): "Coordinate label in every result.",
     ("[scene.contact]", "hertz"): "What `hertz_stiffness` follows from, in its place; below.",
@@ -122,7 +124,7 @@ def _parameters(taker: Callable[..., Any], *more: str, first: str = "") -> Keys:
             else "true"
             if name == "wall"
             else "a table"
-            if name == "isolation"
+            if name in ("isolation", "typical")
             else "a value",
             None,
         )
@@ -139,13 +141,14 @@ def _arguments(section: str) -> Keys:
 #: Heading -> (keys, what takes their values).
 _TABLES: dict[str, tuple[Keys, Callable[..., Any] | None]] = {
     "[scene]": (_parameters(Scene, "preset"), Scene),
-    "[[scene.row]], a building": (_parameters(Building, "isolation"), Building),
+    "[[scene.row]], a building": (_parameters(Building, "isolation", "typical"), Building),
     "bouc_wen of a building": (_parameters(BoucWen), BoucWen),
     "foundation of a building": (_parameters(Foundation), Foundation),
     "isolation of a building": (
         {name: keys for name, keys in _parameters(base_isolated).items() if name != "building"},
         base_isolated,
     ),
+    "typical of a building": (_parameters(typical), typical_building),
     "[[scene.row]], a wall": (_parameters(Wall, "wall"), Wall),
     "[scene.contact]": (_parameters(ContactProperties, "hertz"), ContactProperties),
     "[[scene.links]]": (_parameters(Link), Link),

@@ -17,6 +17,7 @@ _HOME = {
         "accuracy.tradeoff": "tradeoff",
         "base.errors": "PoundingSweepError",
         "model.building": "BoucWen Building Foundation",
+        "model.frames": "building_from_modes building_from_opensees typical_building",
         "model.laws": "LAWS Law get_law hertz_stiffness rubber_bumper",
         "model.presets": "base_isolated get_preset",
         "model.scene": "Bumper ContactProperties Link Scene Wall",
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from pounding_sweep.accuracy.tradeoff import tradeoff
     from pounding_sweep.base.errors import PoundingSweepError
     from pounding_sweep.model.building import BoucWen, Building, Foundation
+    from pounding_sweep.model.frames import building_from_modes, building_from_opensees, typical_building
     from pounding_sweep.model.laws import LAWS, Law, get_law, hertz_stiffness, rubber_bumper
     from pounding_sweep.model.presets import base_isolated, get_preset
     from pounding_sweep.model.scene import Bumper, ContactProperties, Link, Scene, Wall

@@ -27,6 +27,7 @@ def motion(points, scale=1.0):
 KNOWN = (
     *("name", "masses", "stiffnesses", "damping_ratio", "storey_heights", "slab_depths", "column_stiffnesses"),
     *("yield_strengths", "hardening", "damping_stiffness", "bouc_wen", "p_delta", "dashpots", "foundation"),
+    *("stiffness_matrix", "damping_matrix", "modal_damping"),
 )
 
 
@@ -41,8 +42,11 @@ def buildings_of(scene):
         if isinstance(b, ps.Wall)
         else ShearBuilding(
             list(b.masses),
-            list(b.stiffnesses),
+            b.stiffnesses,
             b.damping_ratio,
+            stiffness_matrix=b.stiffness_matrix,
+            damping_matrix=b.damping_matrix,
+            modal_damping=b.modal_damping,
             storey_heights=list(b.storey_heights),
             slab_depths=b.slab_depths,
             column_stiffnesses=b.column_stiffnesses,

@@ -100,6 +100,16 @@ FOUNDED = ps.Scene(
     pair().contact,
 )
 FOUNDING = ("rk4", "newmark", "exact")
+#: The pair, the left building by the matrix of its storeys; and the schemes that run it, each under a law of the pair.
+MATRIX = ps.Scene(
+    [
+        replace(pair().buildings[0], stiffnesses=None, stiffness_matrix=pair().buildings[0].lateral_matrix),
+        pair().buildings[1],
+    ],
+    pair().gaps,
+    pair().contact,
+)
+MATRICES = {"exact": "kelvin_voigt", "rk4": "kelvin_voigt", "newmark": "hertz_damped"}
 #: A law that is damped on rebound only, by bumpers in the gap.
 BUMPER = ps.rubber_bumper(0.01, key="bumper", stiffness=3e8)
 #: Rubber between the pair and, before one floor of a wall, a law of another kind; what is bare takes the sweep's.
@@ -188,6 +198,7 @@ def kernels() -> tuple[KernelSpec, ...]:
         ),
         *(simulated(method, "kelvin_voigt", scene=LINKED) for method in LINKING),
         *(simulated(method, "kelvin_voigt", scene=FOUNDED) for method in FOUNDING),
+        *(simulated(method, law, scene=MATRIX) for method, law in MATRICES.items()),
         simulated("exact", "kelvin_voigt", scene=make_frame()),
         kernel_shape(yielding_pair(), LAWS["kelvin_voigt"], Numerics("exact", 5e-4), reducers_for(EVERY)),
         *(simulated(method, "kelvin_voigt", scene=STAGGERED) for method in ("rk4", "newmark")),

@@ -63,7 +63,7 @@ FALLEN = 2.0  # of a storey
 @dataclass
 class ShearBuilding:
     masses: list[float]
-    stiffnesses: list[float]
+    stiffnesses: list[float] | None
     damping_ratio: float = 0.05
     rayleigh: tuple[float, float] | None = None
     storey_heights: list[float] | None = None
@@ -75,6 +75,10 @@ class ShearBuilding:
     bouc_wen: tuple[float, float, float] | None = None  # n, beta, gamma of all storeys that yield
     dashpots: list[float] | None = None  # kN s/m, between each floor and the one below
     p_delta: bool = False
+    stiffness_matrix: list[list[float]] | None = None  # of floors, in place of `stiffnesses`
+    # in place of Rayleigh damping: C of floors, or the damping ratio of all modes, or of each
+    damping_matrix: list[list[float]] | None = None
+    modal_damping: float | list[float] | None = None
     # m, I, K_h, K_theta, c_h, c_theta
     foundation: tuple[float, float, float, float, float, float] | None = None
 
@@ -106,9 +110,15 @@ class ShearBuilding:
     def undamped(self):
         """Return dense M, K."""
         drift = np.eye(len(self.masses)) - np.eye(len(self.masses), k=-1)
-        return np.diag(np.asarray(self.masses, dtype=float)), drift.T @ np.diag(
-            self.stiffnesses - self.leaning()
-        ) @ drift
+        weights = drift.T @ np.diag(self.leaning()) @ drift
+        return np.diag(np.asarray(self.masses, dtype=float)), self.of_floors() - weights
+
+    def of_floors(self):
+        """Return K (kN/m) of the floors on a fixed base, without weights."""
+        if self.stiffness_matrix is not None:
+            return np.array(self.stiffness_matrix)
+        drift = np.eye(len(self.masses)) - np.eye(len(self.masses), k=-1)
+        return drift.T @ np.diag(self.stiffnesses) @ drift
 
     def rayleigh_factors(self):
         """Return a and b of C = a M + b K (1/s, s)."""
@@ -125,6 +135,13 @@ class ShearBuilding:
         (mass, stiffness), (alpha, beta), n = self.undamped(), self.rayleigh_factors(), len(self.masses)
         drift = np.eye(n) - np.eye(n, k=-1)
         own = drift.T @ np.diag(np.zeros(n) if self.dashpots is None else self.dashpots) @ drift
+        if self.damping_matrix is not None:
+            return mass, self.damping_matrix + own, stiffness
+        if self.modal_damping is not None:
+            squares, shapes = eigh(stiffness, mass)
+            ratios = np.broadcast_to(self.modal_damping, n)
+            own = own + mass @ shapes @ np.diag(2.0 * ratios * np.sqrt(squares)) @ shapes.T @ mass
+            return mass, own, stiffness
         return mass, alpha * mass + beta * stiffness + own, stiffness
 
     def elevations(self):
@@ -342,7 +359,14 @@ class _Row:
                 whole[np.ix_(at, at)] = part
         self.m = np.diag(mass)
         assert np.abs(mass - np.diag(self.m)).max() < 1e-9 * self.m.max()
-        self.k_storey = np.concatenate([np.asarray(b.stiffnesses, dtype=float) for b in real])
+        self.k_storey = np.concatenate([np.array(b.stiffnesses or [np.nan] * len(b.masses), dtype=float) for b in real])
+        # shears of storeys without a stiffness of their own: forces of all floors above
+        self.shear = np.zeros((floors, n))
+        for b, building in enumerate(buildings):
+            if not isinstance(building, str) and building.stiffness_matrix is not None:
+                at = slice(self.start[b], self.start[b + 1])
+                above = np.cumsum(building.of_floors()[::-1], axis=0)[::-1]
+                self.shear[at] = above @ np.cumsum(self.drift[at], axis=0)
 
         self.leaning = np.concatenate([b.leaning() for b in real])
         self.limit = np.concatenate(
@@ -360,7 +384,9 @@ class _Row:
         # what the damper of a storey that yields loses of its coefficient (kN s/m)
         self.undamped = np.concatenate(
             [
-                b.rayleigh_factors()[1] * np.multiply(1 - np.asarray(b.hardening), b.stiffnesses) * b.tangent_damping
+                b.rayleigh_factors()[1] * np.multiply(1 - np.asarray(b.hardening), b.stiffnesses)
+                if b.tangent_damping
+                else np.zeros(len(b.masses))
                 for b in real
             ]
         )
@@ -504,7 +530,8 @@ class _Solver:
         drift = row.drift @ y[self.iu]
         plastic = np.where(self.phase[column] == 0.0, self.slip[column], drift - (self.phase * row.yield_drift)[column])
         plastic[row.smooth] = y[self.i_plastic]
-        return drift, plastic, row.k_storey[column] * (drift - row.softening[column] * plastic)
+        shear = row.k_storey[column] * (drift - row.softening[column] * plastic)
+        return drift, plastic, np.where(np.isnan(row.k_storey)[column], row.shear @ y[self.iu], shear)
 
     def at_rest(self, y):
         """Drift of each storey under no shear: unloaded, and yielding back on the way where it must."""
@@ -595,9 +622,10 @@ class _Solver:
         kinetic = row.owner @ (0.5 * m * v * v)
         strain = row.owner @ (0.5 * u * (row.K @ u))
         if row.yields:
-            drift, plastic, _ = self.storeys(y)
+            drift, plastic, shear = self.storeys(y)
             k, soft, g = (x if y.ndim == 1 else x[:, None] for x in (row.k_storey, row.softening, row.leaning))
             springs = 0.5 * k * ((1.0 - soft) * drift**2 + soft * (drift - plastic) ** 2)
+            springs = np.where(np.isnan(k), 0.5 * shear * drift, springs)
             strain = row.owner[:, : row.floors] @ (springs - 0.5 * g * drift**2)
             strain += row.owner @ (0.5 * u * (row.base @ u))
         k0 = self.kinetic0 if y.ndim == 1 else self.kinetic0[:, None]

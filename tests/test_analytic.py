@@ -301,7 +301,7 @@ def test_histories_obey_the_equation_of_motion():
     np.testing.assert_allclose(ag, np.interp(got.time, record.time, record.acceleration), atol=1e-12)
     for i, (b, sign) in enumerate(((A, -1.0), (B, 1.0))):
         alpha, beta = b.rayleigh
-        stiff = b.stiffness_matrix
+        stiff = b.system_matrix
         damping = alpha * np.diag(b.masses) + beta * stiff
         u, v = got.displacement[:, i].values, got.velocity[:, i].values
         force = sign * got.contact_force[:, 0].values

@@ -25,9 +25,11 @@ PUBLIC = {
 
 @pytest.mark.parametrize("name", sorted({*PUBLIC} - {"attribute"}))
 def test_an_unknown_or_missing_argument_is_an_error_of_the_package(name):
-    with pytest.raises(PoundingSweepError, match="'zzz'"):
-        PUBLIC[name](zzz=1)
-    required = [p for p in inspect.signature(PUBLIC[name]).parameters.values() if p.default is p.empty]
+    parameters = inspect.signature(PUBLIC[name]).parameters.values()
+    if not any(p.kind is p.VAR_KEYWORD for p in parameters):  # else they are those of a building
+        with pytest.raises(PoundingSweepError, match="'zzz'"):
+            PUBLIC[name](zzz=1)
+    required = [p for p in parameters if p.default is p.empty]
     if required:
         with pytest.raises(PoundingSweepError, match=f"missing.*{required[0].name}|{required[0].name}: is missing"):
             PUBLIC[name]()

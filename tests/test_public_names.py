@@ -13,7 +13,7 @@ from pounding_sweep.variables.registry import STATUS, VARIABLES
 
 #: Arguments of public callables as they are given: in order, with their defaults; those after * by name only.
 CALLS = {
-    "Building": "(name, masses, stiffnesses, damping_ratio=0.05, storey_heights=None)",
+    "Building": "(name, masses, stiffnesses=None, damping_ratio=0.05, storey_heights=None)",
     "Wall": "(name='wall')",
     "ContactProperties": "(linear_stiffness=None, hertz_stiffness=None, restitution=None)",
     "Scene": "(row, gaps=())",

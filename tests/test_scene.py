@@ -53,10 +53,10 @@ def test_unknown_preset_lists_and_suggests():
 
 def test_stiffness_matrix_and_modes():
     b = Building("b", [2.0, 3.0, 4.0], [10.0, 20.0, 30.0])
-    np.testing.assert_array_equal(b.stiffness_matrix, [[30, -20, 0], [-20, 50, -30], [0, -30, 30]])
+    np.testing.assert_array_equal(b.system_matrix, [[30, -20, 0], [-20, 50, -30], [0, -30, 30]])
     w, shapes = b.modes
     np.testing.assert_allclose(shapes.T @ np.diag(b.masses) @ shapes, np.eye(3), atol=1e-12)
-    np.testing.assert_allclose(shapes.T @ b.stiffness_matrix @ shapes, np.diag(w**2), atol=1e-11)
+    np.testing.assert_allclose(shapes.T @ b.system_matrix @ shapes, np.diag(w**2), atol=1e-11)
     assert (np.diff(w) > 0).all()
     np.testing.assert_allclose(b.periods, 2 * np.pi / w)
 
@@ -67,7 +67,7 @@ def test_rayleigh_gives_the_asked_ratios_in_the_first_two_modes(n, zeta):
     b = building(n=n, damping_ratio=zeta)
     asked = tuple(zeta) if isinstance(zeta, tuple | list) else (zeta, zeta)
     (a, beta), (w, shapes) = b.rayleigh, b.modes
-    c = shapes.T @ (a * np.diag(b.masses) + beta * b.stiffness_matrix) @ shapes
+    c = shapes.T @ (a * np.diag(b.masses) + beta * b.system_matrix) @ shapes
     np.testing.assert_allclose((np.diag(c) / (2 * w))[:2], asked, rtol=1e-9, atol=1e-12)
     assert b.damping_ratio == (zeta if isinstance(zeta, float) else asked)
 

@@ -133,8 +133,8 @@ def closed_system(scene, law, k, e):
     for b, first in zip(scene.buildings, scene.offsets[:-1], strict=True):
         part = slice(first, first + b.n_storeys)
         alpha, beta = b.rayleigh
-        s[part, part] = b.stiffness_matrix
-        c[part, part] = alpha * np.diag(b.masses) + beta * b.stiffness_matrix
+        s[part, part] = b.system_matrix
+        c[part, part] = alpha * np.diag(b.masses) + beta * b.system_matrix
     for contact in scene.contacts if law.exponent == 1.0 else ():
         shape = np.zeros(n)
         if contact.left >= 0:

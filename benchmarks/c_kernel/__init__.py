@@ -62,7 +62,7 @@ class CKernel:
             raise ValueError(f"{len(scale)} scenarios are no whole number of groups of {LANES}")
         row = _Row()
         row.inverse_mass[:] = [1.0 / m for b in scene.buildings for m in b.masses]
-        row.stiffness[:] = [k for b in scene.buildings for k in b.stiffnesses]
+        row.stiffness[:] = [k for b in scene.buildings for k in b.storey_stiffnesses]
         row.alpha[:] = [b.rayleigh[0] for b in scene.buildings]
         row.beta[:] = [b.rayleigh[1] for b in scene.buildings]
         ground = np.ascontiguousarray(record.acceleration, float)

@@ -24,10 +24,10 @@ def plain_program(
 
     stiffness = scene.contact.linear_stiffness
     mass = np.concatenate([building.masses for building in scene.buildings])
-    k = block_diag(*(building.stiffness_matrix for building in scene.buildings))
+    k = block_diag(*(building.system_matrix for building in scene.buildings))
     factors = [building.rayleigh for building in scene.buildings]
     dampings = (
-        a * np.diag(b.masses) + beta * b.stiffness_matrix for b, (a, beta) in zip(scene.buildings, factors, strict=True)
+        a * np.diag(b.masses) + beta * b.system_matrix for b, (a, beta) in zip(scene.buildings, factors, strict=True)
     )
     c = block_diag(*dampings)
     left, right = (np.array([getattr(one, side) for one in scene.contacts]) for side in ("left", "right"))

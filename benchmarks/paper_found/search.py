@@ -83,7 +83,7 @@ def reading_points() -> dict[str, np.ndarray]:
     for reading in READINGS.values():
         scene = get_preset(reading.preset)
         for own, first in zip(scene.buildings, printed.buildings, strict=True):
-            found[own.name].append(own.stiffnesses[0] / first.stiffnesses[0])
+            found[own.name].append(own.storey_stiffnesses[0] / first.storey_stiffnesses[0])
         damping = scene.buildings[0].damping_ratio
         for key, value in (("gap", GAP), ("damping_ratio", damping), ("scale", 1.0)):
             found[key].append(value)  # type: ignore[arg-type]
@@ -267,7 +267,7 @@ def scene_at(points: Points, at: int) -> Scene:
     printed, ratio = get_preset(READINGS["as_printed"].preset), float(points["damping_ratio"][at])
     row = []
     for building in printed.buildings:
-        stiffnesses = tuple(k * float(points[building.name][at]) for k in building.stiffnesses)
+        stiffnesses = tuple(k * float(points[building.name][at]) for k in building.storey_stiffnesses)
         row.append(replace(building, stiffnesses=stiffnesses, damping_ratio=ratio))
     contact = replace(printed.contact, linear_stiffness=float(points["stiffness"][at]))
     return Scene(row, gaps=[float(points["gap"][at])] * len(printed.gaps), contact=contact)

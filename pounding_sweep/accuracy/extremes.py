@@ -159,7 +159,7 @@ def on_bases(share: float, stiffer: float, damping: float) -> Scene:
     buildings = []
     for building in pair().buildings:
         mass, arm = sum(building.masses), float(building.elevations[-1]) ** 2
-        stiffness = stiffer * building.stiffnesses[0]
+        stiffness = stiffer * building.storey_stiffnesses[0]
         sway = share * mass, stiffness, 2.0 * damping * math.sqrt(stiffness * mass * (1.0 + share))
         foundation = Foundation(*(value * factor for value in sway for factor in (1.0, arm)))
         buildings.append(replace(building, foundation=foundation))
@@ -170,7 +170,7 @@ def staggered(level: float, depth: float = 0.0, columns: float = 1.0) -> Scene:
     """Return a storey whose slab strikes the upper columns of two of 3 m, and they its own by their lower floor."""
     # `level` and `depth` (m) are of that slab, `columns` the stiffness of struck columns over that of their storeys
     low, high = oscillator("left", 0.4), oscillator("right", 0.25, 100.0, 2)
-    stiffnesses = [[k * columns for k in building.stiffnesses] for building in (low, high)]
+    stiffnesses = [[k * columns for k in building.storey_stiffnesses] for building in (low, high)]
     left = replace(low, storey_heights=[level], slab_depths=[depth], column_stiffnesses=stiffnesses[0])
     right = replace(high, storey_heights=[3.0, 3.0], column_stiffnesses=stiffnesses[1])
     return row(left, right, contacts=CONTACTS[1])
@@ -365,7 +365,7 @@ def _random_scene(rng: np.random.Generator, names: Sequence[str]) -> Scene:
     for name in names:
         plain = oscillator(name, _log(rng, 0.05, 3.0), _log(rng, 1.0, 1e4), len(names))
         factors = rng.uniform(0.5, 2.0, (2, 2)) if len(names) == 2 else np.ones((2, 1))
-        masses, stiffnesses = (factors * [plain.masses, plain.stiffnesses]).tolist()
+        masses, stiffnesses = (factors * [plain.masses, plain.storey_stiffnesses]).tolist()
         buildings.append(Building(name, masses, stiffnesses, float(rng.choice([0.0, 0.02, 0.05, 0.2, 0.6]))))
     return row(*buildings, *([Wall()] if len(names) == 1 else []))
 

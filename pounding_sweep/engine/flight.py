@@ -103,8 +103,8 @@ def _values_of_single(layout: Layout, row: Variants, h: float, precision: str) -
     shape = np.array([item.weights for item in layout.watched]).reshape(-1, n) @ floors
     shakes, widened = _shakes(layout), np.abs(shape.T) * (1.0 + 10.0 * MARGIN[precision])
     w = np.concatenate([row.frequencies[b].T for b in range(len(buildings))]).T  # each mode's side by side
-    alpha, beta = (np.repeat(factors.T, storeys, axis=0).T for factors in row.rayleigh_factors)
-    modes = _Modes(w, alpha + beta * w**2, push[None], np.repeat([b.masses[0] for b in buildings], storeys)[None])
+    decays = np.concatenate([2.0 * row.modal_damping(b).T for b in range(len(buildings))]).T * w
+    modes = _Modes(w, decays, push[None], np.repeat([b.masses[0] for b in buildings], storeys)[None])
     # what a mode of unit amplitude reaches at most, and its second and fourth rates: see the theory
     ratio, square = modes.c / w, w**2
     near = np.sqrt(1.0 + ratio**2)

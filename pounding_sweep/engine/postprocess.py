@@ -68,7 +68,7 @@ def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
     """Largest displacement of every floor (m) that the energies (kN m) allow, shape (n, floors)."""
     variants, twice = variants_of(row), 2.0 * np.asarray(energy)[:, None]
     scene, k, r, yields = variants.scene, variants.stiffnesses, variants.hardenings, any(variants.scene.yields)
-    factor = k / np.concatenate([b.lateral_stiffnesses for b in scene.buildings])
+    factor = np.repeat(variants.stiffness_factors, np.diff(scene.offsets), axis=1)
     moves = np.zeros((2, scene.n_dof))  # of each floor, by sway and by rocking of its base, by the roots of the springs
     for building, first in zip(scene.buildings, scene.offsets, strict=False):
         if building.foundation is not None:
@@ -88,7 +88,13 @@ def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
         # no energy bounds the drift of one that softens under its weight, but the limit at which it falls, and rounding
         storeys = np.where(r < 0.0, 1.01 * variants.drift_limits, np.minimum(hard, slid))
     parts = np.split(storeys, scene.offsets[1:-1], axis=1)
-    summed = np.concatenate([np.cumsum(part, axis=1) for part in parts], axis=1)  # from the ground up
+    for b, building in enumerate(scene.buildings):
+        if building.stiffness_matrix is None:
+            parts[b] = np.cumsum(parts[b], axis=1)  # from the ground up
+        else:
+            soft = np.diag(np.linalg.inv(building.lateral_matrix)) / variants.stiffness_factors[:, b, None]
+            parts[b] = np.sqrt(twice * soft) if yields else soft
+    summed = np.concatenate(parts, axis=1)
     if yields:
         return np.asarray(summed + np.sqrt(twice / factor) * moves.sum(axis=0))
     return np.asarray(np.sqrt(twice * (summed + np.square(moves).sum(axis=0) / factor)))

@@ -486,7 +486,8 @@ class Flight:
     def _damped(self, b: Any, lane: Any) -> Iterator[None]:
         """Go on where a building has damping: else what is missing of its energy is rounding."""
         group = self.group
-        if group.spec.base(b) or any(group.spec.building_of[i] == b for i in group.spec.dashpots):
+        by_matrix = isinstance(b, int) and group.spec.letters(b) not in ("", "k")
+        if by_matrix or group.spec.base(b) or any(group.spec.building_of[i] == b for i in group.spec.dashpots):
             yield
             return
         alpha, beta = (lane_of(group.full(group.prop(x, b)), lane) for x in ("alpha", "beta"))

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from itertools import combinations_with_replacement, groupby
+from itertools import groupby
 from operator import add
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -415,22 +415,23 @@ class Group:
         for building in self.iter_buildings():
             yield self.part(building)
 
-    def _elements(self, like: int, b: Any, floors: Sequence[Any], places: Mapping[int, int]) -> list[Spring]:
+    def _elements(self, like: int, b: Any, floors: Sequence[Any], places: Mapping[int, int]) -> list[Spring | Matrices]:
         """Elements of a building, which is like one that is known, their ends by the places of that one's."""
         spec, base = self.spec, self.spec.base(like) or ()
+
         pairs = list(zip(spec.floors[like], floors, strict=True))
-        kinds = ((1, ""), (-1, ""), (-1, "elevation"))[: 1 + len(base)]  # of motions relative to the base
-        moves = [self._ends([places[k], *(places[q] for q in base)], kinds, i) for k, i in pairs]
-        elements: list[Spring] = []
-        for k, i in pairs if like not in spec.dense else ():
-            dofs, signs = spec.storey_ends(k)
-            elements.append(Storey(self, i, self._ends([places[dof] for dof in dofs], signs, i), building=b))
-        first = sum(spec.pairs[other] for other in spec.dense if other < like)
-        for j, (one, other) in enumerate(combinations_with_replacement(moves, 2) if like in spec.dense else (), first):
-            tilt = [(p, sign, x - z) for (p, sign, x), (_, _, z) in zip(one[2:], other[2:], strict=True)]
-            ends = one if one is other else [one[0], (other[0][0], -1, None), *tilt]
-            elements.append(Spring(self, j, ends, stiffness=self.prop("pair_k", j), damping=self.prop("pair_c", j)))
-        for (_, i), ends in zip(pairs, moves, strict=True) if base else ():  # Rayleigh's a m
+        storeys = [(i, *spec.storey_ends(k)) for k, i in pairs]
+        elements: list[Spring | Matrices] = []
+        for i, dofs, kinds in storeys:
+            ends = self._ends([places[k] for k in dofs], kinds, i)
+            if "k" not in spec.letters(like):
+                elements.append(Storey(self, i, ends, building=b))
+            elif self.dashed(i):
+                elements.append(Spring(self, i, ends, stiffness=None, damping=self.prop("dashpot", i)))
+        if spec.letters(like):
+            elements.append(Matrices(self, b, [places[k] for k in spec.dofs(like)]))
+        for k, i in pairs if base else ():  # what its a m of Rayleigh's resists is the motion relative to the base
+            ends = self._ends([places[k], *(places[q] for q in base)], ((1, ""), (-1, ""), (-1, "elevation")), i)
             drag = self.prop("m", i) * self.prop("alpha", b)
             elements.append(Spring(self, i, ends, stiffness=None, damping=drag))
         for i in base:
@@ -491,7 +492,7 @@ class Block(NamedTuple):
     b: Any  # its number
     places: list[int]  # of its floors, then of its foundation's sway and rocking
     on_ground: bool  # it has no foundation: a m of Rayleigh's resists the motion relative to the ground
-    elements: list[Spring]  # whose ends are places
+    elements: list[Spring | Matrices]  # whose ends are places
 
 
 class Part(NamedTuple):
@@ -546,6 +547,22 @@ class Element:
 class Spring(Element):
     """A linear spring and a dashpot, of a `stiffness` and a `damping`; without stiffness (None) the dashpot alone."""
 
+    @property
+    def is_plain(self) -> bool:
+        """Whether its force is a share of the stretch of x + beta y."""
+        return False
+
+    def pushes(self, x: Any, y: Any, w: Any, constant: bool) -> Iterator[tuple[Any, int, Any]]:
+        """Go through what it does to each end, by displacements x, velocities y, and w = x + beta y."""
+        yield from self.on_ends(self.force(x, y, w, constant))
+
+    def entries(self, be: Any, ga: Any) -> Iterator[tuple[Any, Any, int, Any]]:
+        """Go through what it adds to M + ga C + be K: both ends, the sign and the entry."""
+        resistance = self.resistance(be, ga)
+        for n, (p, sign, share) in enumerate(self.ends):
+            for q, other, part_of_it in self.ends[n:]:
+                yield p, q, sign * other, part_of(part_of(resistance, share), part_of_it)
+
     def force(self, x: Any, y: Any, *_: Any) -> Any:
         """Force at displacements x and velocities y."""
         if self.stiffness is None:
@@ -565,6 +582,66 @@ class Spring(Element):
         """Energy (kJ) that its spring holds."""
         stretch = self.between(x)
         return 0.0 if self.stiffness is None else 0.5 * self.stiffness * stretch * stretch
+
+
+class Matrices:
+    """Matrices K and C of a building's degrees of freedom: its floors and foundation."""
+
+    # places: of these; storeys: whether K is that of storeys, so that only C is dense
+
+    def __init__(self, group: Group, b: int, places: Sequence[Any]) -> None:
+        spec = group.spec
+        self._group, self._b, self._places, letters = group, b, places, spec.letters(b)
+        self.is_plain, self._has_damping = "k" in letters, letters not in ("", "k")
+        self._first = {"dense_k": sum(spec.dense_sizes("k")[:b]), "dense_c": sum(spec.dense_sizes("mc")[:b])}
+
+    def _entry(self, name: str, i: int, j: int) -> Any:
+        low, high = sorted((i, j))
+        return self._group.prop(name, self._first[name] + high * (high + 1) // 2 + low)
+
+    def against(self, i: int) -> Any:
+        """Stiffness against the displacement of the building's degree of freedom number i alone."""
+        return self._entry("dense_k", i, i)
+
+    def _times(self, name: str, x: Any) -> list[Any]:
+        """Product of a matrix and values by place."""
+        values = [x[p] for p in self._places]
+        rows = [[(self._entry(name, i, j), v) for j, v in enumerate(values)] for i in range(len(values))]
+        return [reduce(lambda total, term: fma(*term, total), rest, first[0] * first[1]) for first, *rest in rows]
+
+    def pushes(self, x: Any, y: Any, w: Any, constant: bool) -> Iterator[tuple[Any, int, Any]]:
+        """Go through what it does at each place, as that of a `Spring`."""
+        del constant
+        for name, values, exists in (("dense_k", w, self.is_plain), ("dense_c", y, self._has_damping)):
+            for p, force in zip(self._places, self._times(name, values) if exists else (), strict=False):
+                yield p, -1, force
+
+    def entries(self, be: Any, ga: Any) -> Iterator[tuple[Any, Any, int, Any]]:
+        """Go through what it adds to M + ga C + be K, as that of a `Spring`."""
+        beta = self._group.prop("beta", self._b)
+        for name, factor, exists in (
+            ("dense_k", fma(ga, beta, be), self.is_plain),
+            ("dense_c", ga, self._has_damping),
+        ):
+            for n, p in enumerate(self._places) if exists else ():
+                for k, q in enumerate(self._places[n:], n):
+                    yield p, q, 1, factor * self._entry(name, n, k)
+
+    def lost(self, y: Any) -> Any:
+        """Power (kW) that its damping takes."""
+        terms = [self._quadratic("dense_c", y)] if self._has_damping else []
+        if self.is_plain:
+            terms.append(self._group.prop("beta", self._b) * self._quadratic("dense_k", y))
+        return reduce(add, terms)
+
+    def stored(self, x: Any, about_rest: bool = False) -> Any:
+        """Energy (kJ) that it holds."""
+        del about_rest
+        return 0.5 * self._quadratic("dense_k", x) if self.is_plain else 0.0
+
+    def _quadratic(self, name: str, x: Any) -> Any:
+        pairs = zip(self._places, self._times(name, x), strict=True)
+        return reduce(add, [x[p] * force for p, force in pairs])
 
 
 class Contact(Element):
@@ -640,7 +717,7 @@ class Storey(Spring):
         drift, rate = self.between(x), self.between(y)
         if not group.yields(i):
             elastic = self.stiffness * drift
-        elif constant or (group.spec.series and i in dict(group.spec.smooth)):
+        elif constant or (group.spec.series and group.spec.smooth and i in dict(group.spec.smooth)):
             elastic = fma(self.kt, drift, self.ct)
         else:
             elastic = self.kt * drift

@@ -11,7 +11,7 @@ from operator import add
 from typing import Any
 
 from pounding_sweep.kernel import collapse, forces, hysteresis
-from pounding_sweep.kernel.group import Contact, Group, Spring
+from pounding_sweep.kernel.group import Contact, Group, Matrices, Spring
 from pounding_sweep.kernel.peaks import followed
 from pounding_sweep.kernel.row import kinetic, strain
 from pounding_sweep.lanes import size, sqrt, where
@@ -67,9 +67,11 @@ def may_change(group: Group) -> Any:
         changes.now |= (size(middle) if motion.sized else middle) + reach > s[motion.most]
         if motion.least is not None:
             changes.now |= middle - reach < s[motion.least]
-    for _, floors in group.iter_buildings() if "acceleration" in group.requested else ():
+    for b, floors in group.iter_buildings() if "acceleration" in group.requested else ():
         for at, i in enumerate(floors):
             stiff = DAMPED * reduce(add, [group.prop("k", j) for j in floors[at : at + 2]])
+            if "k" in spec.letters(b):
+                stiff = DAMPED * Matrices(group, b, ()).against(at)
             for link in group.iter_links():
                 stiff = stiff + DAMPED * link.stiffness
             changes.now |= group.prop("im", i) * sqrt(twice.now * stiff) > s["acc", i]

@@ -13,7 +13,7 @@ from functools import reduce
 from operator import add
 from typing import Any
 
-from pounding_sweep.kernel.group import Contact, Element, Group, Instant, Part, Storey, signed_sum
+from pounding_sweep.kernel.group import Contact, Element, Group, Instant, Part, signed_sum
 from pounding_sweep.lanes import fma
 
 #: Forces on a degree of freedom, each after its sign: 1 to the right, -1 to the left.
@@ -37,11 +37,11 @@ def accelerations(
     forces: list[list[tuple[int, Any]]] = [[] for _ in part.dofs]
     w = list(x)  # x + beta y, of whose stretch the force of a storey is a share; a single one has no beta
     for b, places, _, elements in part.blocks:
-        if len(elements) > 1 and any(isinstance(element, Storey) and element.is_plain for element in elements):
+        if len(places) > 1 and any(element.is_plain for element in elements):
             for p in places:
                 w[p] = fma(group.prop("beta", b), y[p], x[p])
         for element in elements:
-            for p, sign, force in element.on_ends(element.force(x, y, w, constant)):
+            for p, sign, force in element.pushes(x, y, w, constant):
                 forces[p].append((sign, force))
     result: list[Any] = [None] * len(part.dofs)
     for b, places, on_ground, _ in part.blocks:

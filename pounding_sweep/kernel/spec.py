@@ -18,18 +18,8 @@ LANES = 16
 
 #: Properties that may differ from lane to lane.
 VARIED = (
-    "m",
-    "im",
-    "k",
-    "alpha",
-    "beta",
-    "reduced",
-    "hardening",
-    "yield_drift",
-    "geometric",
-    "dashpot",
-    "longest",
-    "flexibility",
+    *("m", "im", "k", "alpha", "beta", "reduced", "hardening", "yield_drift", "geometric", "dashpot", "longest"),
+    *("dense_k", "dense_c", "shear_soft", "moment_soft"),
 )
 
 #: How finely numbers are resolved, in double and in single precision.
@@ -193,8 +183,9 @@ class KernelSpec:
     dashpots: tuple[int, ...] = ()  # degrees of freedom whose storeys have dashpots
     links: tuple[tuple[int, int], ...] = ()  # degrees of freedom that are linked
     foundations: tuple[int, ...] = ()  # buildings on foundations: after all floors come sway and rocking of each
-    #: buildings whose stiffness and damping are matrices of their floors: springs and dashpots between any two of these
-    dense: tuple[int, ...] = ()
+    #: of each building whose floors matrices connect letters: "k" stiffness, in place of its storeys', "m" damping of
+    #: modes, "c" another one; "" of others; () where there are none
+    dense: tuple[str, ...] = ()
     bumpers: tuple[LawShape, ...] = ()  # laws of bumpers
     bumped: tuple[int, ...] = ()  # which of `laws` each contact has; () where all have the first
 
@@ -226,7 +217,7 @@ class KernelSpec:
     @property
     def rest_is_bounded(self) -> bool:
         """Whether bounds of a free vibration about where the row rests tell when nothing that is reported changes."""
-        return not (self.smooth or (self.yielding and self.links) or "links" in self.reducers or self.dense)
+        return not (self.smooth or (self.yielding and self.links) or "links" in self.reducers)
 
     @property
     def impulsive(self) -> bool:
@@ -268,7 +259,8 @@ class KernelSpec:
     @property
     def coupled(self) -> bool:
         """Whether exact flight is in modes that hold both displacements and velocities."""
-        return self.flies_exactly and bool(self.dashpots or self.links or self.foundations)
+        damped = bool(self.dashpots) or any("c" in letters for letters in self.dense)
+        return self.flies_exactly and (damped or bool(self.links or self.foundations))
 
     @property
     def coupled_groups(self) -> list[list[int]]:
@@ -301,7 +293,7 @@ class KernelSpec:
 
     @property
     def solves_row(self) -> bool:
-        """Whether implicit steps are of the whole row: it has links, foundations, or buildings that are no chains."""
+        """Whether implicit steps are of the whole row: neighbours are linked, or buildings stand on foundations."""
         return bool(self.links or self.foundations or self.dense)
 
     @property
@@ -338,10 +330,18 @@ class KernelSpec:
         ends = [0, *accumulate(self.storeys)]
         return [list(range(*pair)) for pair in pairwise(ends)]
 
-    @property
-    def pairs(self) -> list[int]:
-        """Springs between any two floors of each building, and between each and its base."""
-        return [n * (n + 1) // 2 for n in self.storeys]
+    def dofs(self, b: int) -> list[int]:
+        """Floors of a building, then sway and rocking of its foundation."""
+        return [*self.floors[b], *(self.base(b) or ())]
+
+    def letters(self, b: int) -> str:
+        """Return what matrices connect of a building, out of "kmc"."""
+        return self.dense[b] if self.dense else ""
+
+    def dense_sizes(self, letters: str) -> list[int]:
+        """Entries of a matrix of each building, of a triangle with its diagonal; 0 of those that have none."""
+        sizes = [len(self.dofs(b)) for b in range(self.n_buildings)]
+        return [n * (n + 1) // 2 if set(letters) & {*self.letters(b)} else 0 for b, n in enumerate(sizes)]
 
     @cached_property
     def building_of(self) -> list[int]:
@@ -406,12 +406,20 @@ def property_slots(shape: KernelSpec) -> Slots:
     count |= {"drift_limit": floors} if shape.falling else {}
     count |= dict.fromkeys(("wen_beta", "wen_gamma", "wen_limit"), floors) if shape.smooth else {}
     count |= dict.fromkeys(("cap", "newmark_beta", "newmark_gamma", "settles"), 1)
-    # a matrix, row by row from its diagonal: of two floors less the number of both, of one the sum of its row
-    count |= dict.fromkeys(("pair_k", "pair_c"), sum(shape.pairs[b] for b in shape.dense))
     # what the energy of a free vibration bounds displacements by, where no bounds of modes do
     count |= {} if shape.by_series else {"flexibility": floors}
     # shares of a push on columns, of the floor above and below
     count |= dict.fromkeys(("upper", "lower"), contacts) if shape.struck else {}
+    for name, letters in (("dense_k", "k"), ("dense_c", "mc")) if shape.dense else ():
+        count |= {name: sum(shape.dense_sizes(letters))}
+    # shears, and the moment of each building, by displacements of its floors and base
+    if shape.dense and "shear" in shape.reducers:
+        count |= {
+            "shear_weight": sum(n * len(shape.dofs(b)) for b, n in enumerate(shape.storeys)),
+            "shear_soft": floors,
+        }
+    if "moment" in shape.reducers:
+        count |= {"moment_weight": moving, "moment_soft": shape.n_buildings}
     count |= {"dashpot": moving} if shape.dashpots or shape.foundations else {}
     count |= dict.fromkeys(("link_k", "link_c"), len(shape.links)) if shape.links else {}
     # of each floor, above the floor below and above the base

@@ -9,10 +9,11 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, ValidationInfo
 
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import InputError, Place, SceneError, repr_short
@@ -39,6 +40,8 @@ DEFAULT_STOREY_HEIGHT = 3.0
 ISOLATING = (0.25, 0.1)
 #: Largest exponent of Bouc and Wen.
 MOST_SHARP = 100.0
+#: Largest difference of entries across the diagonal, over the largest entry, that counts as rounding.
+SYMMETRIC = 1e-6
 #: Stiffnesses that Rayleigh damping may follow in storeys that yield.
 DAMPING_STIFFNESSES = ("initial", "tangent")
 #: What a building has of each storey; hardening may be one number.
@@ -57,12 +60,27 @@ def _label(name: Any) -> str:
     return name
 
 
+def _as_matrix(value: Any, info: ValidationInfo) -> Any:
+    """Return rows of numbers, of a list of them, an array, or a file in the folder `base` of the context, as tuples."""
+    if isinstance(value, str):
+        file = Path((info.context or {}).get("base") or ".", value)
+        try:
+            value = np.loadtxt(file, delimiter=",", ndmin=2)
+        except (OSError, ValueError) as error:
+            raise InputError(f"{value!r} could not be read as rows of numbers between commas: {error}") from None
+    if not isinstance(value, (list, tuple, np.ndarray)):
+        return value
+    return tuple(tuple(row) if isinstance(row, (list, tuple, np.ndarray)) else row for row in value)
+
+
 #: A name of a building or wall, values of storeys, and one value or several.
 Label = Annotated[str, BeforeValidator(_label)]
 Positives = Annotated[Sequence[Positive], Listed]
 #: Values of storeys, or one number for all of them.
 OfStoreys = Annotated[Sequence[float], one_or_several(Positive, Sequence[Positive])]
 OfStoreysOrZero = Annotated[Sequence[float], one_or_several(NotNegative, Sequence[NotNegative])]
+#: A square matrix, by rows.
+Matrix = Annotated[Sequence[Sequence[Finite]], BeforeValidator(_as_matrix)]
 #: Strengths of storeys, infinite (null in JSON) where they never yield.
 _Strength = Annotated[Number, Field(gt=0.0)]
 _Strengths = Sequence[Annotated[_Strength, BeforeValidator(lambda value: math.inf if value is None else value)]]
@@ -171,7 +189,7 @@ class Foundation:
 
 @checked
 class Building:
-    """A shear building, linear elastic unless its storeys yield.
+    """A shear building, linear elastic unless its storeys yield; or any linear one, by its floors' stiffness matrix.
 
     Parameters
     ----------
@@ -179,7 +197,7 @@ class Building:
         Coordinate label in every result.
     masses : sequence of float
         Floor masses (t), bottom first.
-    stiffnesses : float or sequence of float
+    stiffnesses : float or sequence of float, optional
         Storey stiffnesses (kN/m), bottom first; one number is that of every storey, here and below.
     damping_ratio : float or (float, float)
         Rayleigh damping ratio of the first two modes, or one each. A one-storey building has c = 2 zeta w m.
@@ -214,12 +232,23 @@ class Building:
     base_elevation : float
         Elevation (m) of the building's base above the datum of the row, below 0 for one that is deeper: floors of
         neighbours meet where their elevations above that datum agree.
+    stiffness_matrix : array_like or str, optional
+        Lateral stiffness matrix (kN/m) of the floors on a fixed base, bottom first, without P-Delta, in place of
+        `stiffnesses`; or a file of its rows, numbers between commas. Such a building is linear. Struck columns
+        need `column_stiffnesses`.
+    modal_damping : float or sequence of float, optional
+        Damping ratio of all modes on a fixed base, or of each, slowest first, in place of Rayleigh damping.
+    damping_matrix : array_like or str, optional
+        Damping matrix (kN s/m) of the floors on a fixed base, in place of Rayleigh damping.
+    period : float, optional
+        First period (s) on a fixed base without P-Delta: all stiffnesses are multiplied by one number to give it.
 
     Raises
     ------
     SceneError
         A value is out of range, the lists differ in length, `hardening` is outside [0, 1), with `p_delta` a storey
-        does not stand under the weight above it, or it comes with a `foundation`.
+        does not stand under the weight above it, or it comes with a `foundation`; a matrix is not symmetric and
+        positive definite, or comes with storeys that yield.
 
     Examples
     --------
@@ -230,7 +259,7 @@ class Building:
 
     name: Label
     masses: Annotated[Positives, Field(min_length=1)]
-    stiffnesses: OfStoreys
+    stiffnesses: OfStoreys | None = None
     damping_ratio: Annotated[float | Sequence[float], one_or_several(Fraction, tuple[Fraction, Fraction])] = 0.05
     storey_heights: OfStoreys | None = None
     yield_strengths: Strengths | None = None
@@ -243,7 +272,11 @@ class Building:
     dashpots: OfStoreysOrZero | None = field(default=None, kw_only=True)
     foundation: Foundation | None = field(default=None, kw_only=True)
     base_elevation: Finite = field(default=0.0, kw_only=True)
-    FILE_KEYS: ClassVar = ("isolation",)  # a sweep file's reader replaces it
+    stiffness_matrix: Matrix | None = field(default=None, kw_only=True)
+    modal_damping: OfStoreys | None = field(default=None, kw_only=True)
+    damping_matrix: Matrix | None = field(default=None, kw_only=True)
+    period: Positive | None = field(default=None, kw_only=True)
+    FILE_KEYS: ClassVar = ("isolation", "typical")  # a sweep file's reader replaces it
     n_storeys: int = derived()
     #: of each storey: whether it may yield, its hardening, and whether it has a dashpot
     yields: tuple[bool, ...] = derived()
@@ -258,10 +291,14 @@ class Building:
     #: drift (m) at which a storey falls, infinite where it never does: with `p_delta` the height of one that yields
     drift_limits: tuple[float, ...] = derived()
     lateral_stiffnesses: tuple[float, ...] = derived()
+    storey_stiffnesses: tuple[float, ...] = derived()  # `stiffnesses`, NaN of a building by its matrix
     stability_coefficients: tuple[float, ...] = derived()
 
     def __post_init__(self) -> None:
         n, hardening = len(self.masses), self.hardening
+        if self.stiffnesses is None and self.stiffness_matrix is None:
+            missing = "is missing; give Storey stiffnesses (kN/m), bottom first, or a stiffness_matrix of the floors"
+            raise SceneError(missing, ("stiffnesses",))
         single = [name for name in _LISTS if isinstance(getattr(self, name), float) and name != "hardening"]
         set_fields(self, **{name: (getattr(self, name),) * n for name in single})
         hardenings = hardening if isinstance(hardening, tuple) else (hardening,) * n
@@ -279,17 +316,51 @@ class Building:
         with Faults() as faults:
             self._check_parts(faults.add)
             if not faults.entries:
+                self._scale_to_period()
                 weights = np.cumsum(np.multiply(self.masses[::-1], STANDARD_GRAVITY * self.p_delta))[::-1]
                 geometric = weights / self.storey_heights
                 heights = zip(self.storey_heights or (), self.yields, strict=True)
+                stiffnesses = np.array(self.stiffnesses or (math.nan,) * n)
+                lateral = stiffnesses - geometric
                 set_fields(
                     self,
                     drift_limits=tuple(h if self.p_delta and flag else math.inf for h, flag in heights),
                     geometric_stiffnesses=tuple(geometric.tolist()),
-                    lateral_stiffnesses=tuple(np.subtract(self.stiffnesses, geometric).tolist()),
-                    stability_coefficients=tuple(np.divide(geometric, self.stiffnesses).tolist()),
+                    storey_stiffnesses=tuple(stiffnesses.tolist()),
+                    stability_coefficients=tuple((geometric / stiffnesses).tolist()),
                 )
+                if self.stiffness_matrix is not None:  # of what resists each drift alone
+                    drifts = np.diff(np.eye(n), axis=0, prepend=0.0)
+                    lateral = 1.0 / np.diag(drifts @ np.linalg.inv(self.lateral_matrix) @ drifts.T)
+                set_fields(self, lateral_stiffnesses=tuple(lateral.tolist()))
                 self._check_building(faults.add)
+
+    def _scale_to_period(self) -> None:
+        """Multiply the stiffnesses by the one number that gives the first period asked for."""
+        if self.period is None:
+            return
+        stiff = self._without_weights
+        root = 1.0 / np.sqrt(self.masses)
+        factor = (2.0 * math.pi / self.period) ** 2 / float(np.linalg.eigvalsh(stiff * np.outer(root, root))[0])
+        if self.stiffness_matrix is not None:
+            set_fields(self, stiffness_matrix=tuple(map(tuple, (factor * stiff).tolist())))
+        else:
+            set_fields(self, stiffnesses=tuple(factor * k for k in self.stiffnesses or ()))
+        set_fields(self, period=None)  # factors act after it
+
+    @property
+    def _without_weights(self) -> np.ndarray:
+        """Lateral stiffness matrix (kN/m) of the floors on a fixed base, without P-Delta."""
+        if self.stiffness_matrix is not None:
+            return np.array(self.stiffness_matrix)
+        drifts = np.diff(np.eye(self.n_storeys), axis=0, prepend=0.0)
+        return np.asarray((drifts.T * np.array(self.stiffnesses)) @ drifts)
+
+    @cached_property
+    def lateral_matrix(self) -> np.ndarray:
+        """What weights leave of the lateral stiffness matrix (kN/m) of the floors on a fixed base."""
+        drifts = np.diff(np.eye(self.n_storeys), axis=0, prepend=0.0)
+        return np.asarray(self._without_weights - (drifts.T * self.geometric_stiffnesses) @ drifts)
 
     def _check_parts(self, fault: Callable[[Place, str], None]) -> None:
         """Tell of parts that do not go together."""
@@ -297,6 +368,7 @@ class Building:
         for name in _LISTS:
             if isinstance(values := getattr(self, name), tuple) and len(values) != n:
                 fault((name,), f"{len(values)} values for {n} masses; give one per storey")
+        self._check_matrices(fault)
         if self.yield_strengths is None:
             for name, default in (("hardening", 0.0), ("damping_stiffness", "initial"), ("bouc_wen", None)):
                 if getattr(self, name) != default:
@@ -314,19 +386,58 @@ class Building:
             why = "p_delta and a foundation do not go together, as weights would act on its rocking too"
             fault(("foundation",), f"{why}; leave one of them out")
 
+    def _check_matrices(self, fault: Callable[[Place, str], None]) -> None:
+        """Tell of matrices and modal damping that are none of the building."""
+        n = self.n_storeys
+        if self.stiffness_matrix is not None:
+            if self.stiffnesses is not None:
+                fault(("stiffness_matrix",), "comes beside stiffnesses; leave one of them out")
+            if any(self.yields):
+                why = "storeys that yield need stiffnesses of storeys, which a stiffness_matrix does not have"
+                fault(("yield_strengths",), f"{why}; leave one of them out")
+        if self.modal_damping is not None and self.damping_matrix is not None:
+            fault(("damping_matrix",), "comes beside modal_damping; leave one of them out")
+        if isinstance(self.modal_damping, tuple) and len(self.modal_damping) != n:
+            fault(("modal_damping",), f"{len(self.modal_damping)} ratios for {n} modes; give one for all, or one each")
+        for name in ("stiffness_matrix", "damping_matrix"):
+            if (rows := getattr(self, name)) is None:
+                continue
+            if len(rows) != n or any(len(row) != n for row in rows):
+                sizes = " x ".join(map(str, (len(rows), *{len(row) for row in rows})))
+                fault((name,), f"is {sizes} for {n} masses; it has a row and a column for each floor, bottom first")
+                continue
+            matrix = np.array(rows)
+            apart = np.abs(matrix - matrix.T)
+            i, j = np.unravel_index(np.argmax(apart), apart.shape)
+            if apart[i, j] > SYMMETRIC * np.abs(matrix).max():
+                entries = f"{matrix[i, j]:g} and {matrix[j, i]:g}"
+                fault((name,), f"is not symmetric: entries {i + 1}, {j + 1} and {j + 1}, {i + 1} are {entries}")
+                continue
+            set_fields(self, **{name: tuple(map(tuple, (0.5 * (matrix + matrix.T)).tolist()))})
+            lowest = float(np.linalg.eigvalsh(matrix)[0])
+            if name == "stiffness_matrix" and not lowest > 0.0:
+                fault((name,), f"is not positive definite: its lowest eigenvalue is {lowest:.4g} kN/m")
+            if name == "damping_matrix" and lowest < -SYMMETRIC * np.abs(matrix).max():
+                fault((name,), f"would feed energy in: its lowest eigenvalue is {lowest:.4g} kN s/m; it must be >= 0")
+
     def _check_building(self, fault: Callable[[Place, str], None]) -> None:
         """Tell what only the building shows, its parts being valid."""
         for i, (depth, height) in enumerate(zip(self.slab_depths or (), self.storey_heights or (), strict=False)):
             if depth >= height:
                 fault(("slab_depths", i), f"is {depth:g} m; it must be less than the storey's height of {height:g} m")
         for storey, theta in enumerate(self.stability_coefficients):
-            if not theta < 1.0:
+            if theta >= 1.0:
                 fault(
                     ("p_delta",),
-                    f"storey {storey + 1} of stiffness {self.stiffnesses[storey]:g} kN/m does not stand under the "
-                    f"weight above it: its stability coefficient P / (k h) is {theta:.3g}, and must be below 1; give "
-                    f"it a stiffness above P / h = {self.geometric_stiffnesses[storey]:.4g} kN/m, or leave out p_delta",
+                    f"storey {storey + 1} of stiffness {self.storey_stiffnesses[storey]:g} kN/m does not stand under "
+                    f"the weight above it: its stability coefficient P / (k h) is {theta:.3g}, and must be below "
+                    f"1; give it a stiffness above P / h = {self.geometric_stiffnesses[storey]:.4g} kN/m, or leave out "
+                    "p_delta",
                 )
+        if self.stiffness_matrix is not None and (lowest := float(np.linalg.eigvalsh(self.lateral_matrix)[0])) <= 0.0:
+            why = f"the lowest eigenvalue of what the weights leave of stiffness_matrix is {lowest:.4g} kN/m"
+            fault(("p_delta",), f"the building does not stand under its weight: {why}; leave out p_delta")
+            return
         if not min(self.rayleigh) >= 0.0:
             fault(
                 ("damping_ratio",),
@@ -337,7 +448,7 @@ class Building:
     @property
     def on_isolators(self) -> bool:
         """Whether the first storey is too soft for columns beside the one above: isolators."""
-        first, above = (*self.stiffnesses, 0.0)[:2]
+        first, above = (*(self.stiffnesses or ()), 0.0, 0.0)[:2]
         yielded = first * (self.hardenings[0] if self.yields[0] else 1.0)
         return first < ISOLATING[0] * above and yielded < ISOLATING[1] * above
 
@@ -361,27 +472,67 @@ class Building:
 
     @cached_property
     def damping_matrices(self) -> np.ndarray:
-        """What Rayleigh's a and b multiply (t, kN/m), and C of dashpots (kN s/m), shape (3, n, n)."""
+        """What Rayleigh's a and b multiply (t, kN/m), C of dashpots and of modes or given (kN s/m), shape (4, n, n)."""
         moved, drifts = self.deformations, self.drifts
         dashpots = (drifts.T * (self.dashpots or (0.0,) * self.n_storeys)) @ drifts
         if self.foundation is not None:
             dashpots[[-2, -1], [-2, -1]] += self.foundation.dashpots
-        return np.stack([(moved.T * self.masses) @ moved, (drifts.T * self.lateral_stiffnesses) @ drifts, dashpots])
+        dense = np.zeros_like(dashpots) if self.modal_damping is None else self.damping_of_modes(self.modal_damping)
+        dense = dense if self.damping_matrix is None else moved.T @ self.damping_matrix @ moved
+        return np.stack([(moved.T * self.masses) @ moved, moved.T @ self.lateral_matrix @ moved, dashpots, dense])
+
+    def damping_of_modes(self, ratios: float | Sequence[float]) -> np.ndarray:
+        """Return C (kN s/m) of damping ratios of all modes on a fixed base, or of each, shape (n, n)."""
+        frequencies, shapes = self.on_fixed_base.modes
+        heavy = self.deformations.T @ (shapes * np.array(self.masses)[:, None])
+        return np.asarray((heavy * (2.0 * np.multiply(ratios, frequencies))) @ heavy.T)
 
     @cached_property
-    def stiffness_matrix(self) -> np.ndarray:
-        """K (kN/m), of the lateral stiffnesses, with a foundation by the base's displacement and rotation too."""
-        stiff = self.damping_matrices[1].copy()
+    def system_matrix(self) -> np.ndarray:
+        """K (kN/m) that weights leave, with a foundation by the base's displacement and rotation too."""
+        stiff = np.asarray(self.deformations.T @ self.lateral_matrix @ self.deformations)
         if self.foundation is not None:
             stiff[[-2, -1], [-2, -1]] += self.foundation.stiffnesses
         return stiff
+
+    @property
+    def lateral_shears(self) -> np.ndarray:
+        """Shears of storeys less what the weights push, by the same as `shears`."""
+        return np.asarray(np.cumsum(self.lateral_matrix[::-1], axis=0)[::-1] @ self.deformations)
+
+    @property
+    def dense_damping(self) -> np.ndarray:
+        """Forces on floors of damping by matrices, by velocities of the same, shape (n_storeys, n)."""
+        followed = self.rayleigh[1] * self.damping_matrices[1] if "k" in self.letters else 0.0
+        return np.asarray((self.damping_matrices[3] + followed)[: self.n_storeys])
+
+    @cached_property
+    def shears(self) -> np.ndarray:
+        """What storeys bear (kN), by displacements of floors, of the base and its rotation, shape (n_storeys, n)."""
+        return np.asarray(np.cumsum(self._without_weights[::-1], axis=0)[::-1] @ self.deformations)
+
+    @property
+    def moment(self) -> np.ndarray:
+        """Overturning moment at the base (kN m), by the same, shape (n,)."""
+        return np.asarray(self.storey_heights @ self.shears)
+
+    @property
+    def letters(self) -> str:
+        """What matrices connect its floors: "k" stiffness, "m" damping of modes, "c" another damping."""
+        values = {"k": self.stiffness_matrix, "m": self.modal_damping, "c": self.damping_matrix}
+        return "".join(letter for letter, value in values.items() if value is not None)
+
+    @property
+    def has_coupled_modes(self) -> bool:
+        """Whether damping couples its modes: dashpots, a damping matrix, or a foundation."""
+        return any(self.dashed) or self.damping_matrix is not None or self.foundation is not None
 
     @cached_property
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
         """Circular frequencies (rad/s), rising, and mass-normalised mode shapes (t^-1/2) in columns."""
         # with a foundation two more, of both together: shapes end with the base's displacement and rotation (rad/m)
         root = 1.0 / np.sqrt(self.inertias)
-        values, vectors = np.linalg.eigh(self.stiffness_matrix * np.outer(root, root))
+        values, vectors = np.linalg.eigh(self.system_matrix * np.outer(root, root))
         return np.sqrt(np.maximum(values, 0.0)), vectors * root[:, None]
 
     @property
@@ -401,17 +552,19 @@ class Building:
 
     @cached_property
     def rayleigh(self) -> tuple[float, float]:
-        """Factors (a, b) of C = a M + b K (1/s, s), from the first two modes on a fixed base."""
+        """Factors (a, b) of C = a M + b K (1/s, s), from the first two modes on a fixed base; 0 of other damping."""
         ratios = self.damping_ratio
-        return rayleigh_factors(
-            self.on_fixed_base.frequencies, ratios if isinstance(ratios, tuple) else (ratios, ratios)
-        )
+        return self._rayleigh(ratios if isinstance(ratios, tuple) else (ratios, ratios))
 
     @cached_property
-    def damping_shares(self) -> np.ndarray:
-        """What Rayleigh's a and b each take of damping ratios (s, 1/s), and dashpots give, of modes, shape (3, n)."""
-        w, shapes = self.modes
-        return np.einsum("im,pij,jm->pm", shapes, self.damping_matrices, shapes) / (2.0 * w)
+    def unit_rayleigh(self) -> tuple[float, float]:
+        """The same of damping ratios of 1."""
+        return self._rayleigh((1.0, 1.0))
+
+    def _rayleigh(self, ratios: tuple[float, float]) -> tuple[float, float]:
+        if self.modal_damping is not None or self.damping_matrix is not None:
+            return 0.0, 0.0
+        return rayleigh_factors(self.on_fixed_base.frequencies, ratios)
 
 
 def rayleigh_factors(frequencies: np.ndarray, ratios: tuple[float, float]) -> tuple[float, float]:

@@ -116,6 +116,8 @@ def base_isolated(
     >>> [round(x, 1) for x in tower.yield_strengths], [round(x, 1) for x in tower.dashpots]
     ([79.7, inf], [62.8, 178.9])
     """
+    if building.stiffnesses is None:
+        raise SceneError("isolators go under storeys that have stiffnesses; this building has a stiffness_matrix")
     masses, n = [base_mass, *building.masses], building.n_storeys
     w, total = 2.0 * math.pi / period, sum(masses)
     soft = total * w**2

@@ -358,7 +358,7 @@ class Scene:
             smooth=tuple(flag and building.bouc_wen is not None for building in buildings for flag in building.yields),
             dashed=tuple(flag for building in buildings for flag in building.dashed),
             foundations=tuple(b for b, building in enumerate(buildings) if building.foundation is not None),
-            has_classical_modes=not (self.links or any(any(item.dashed) or item.foundation for item in buildings)),
+            has_classical_modes=not (self.links or any(item.has_coupled_modes for item in buildings)),
         )
         names = [item.name for item in row]
         if repeated := sorted({n for n in names if names.count(n) > 1}):
@@ -456,6 +456,11 @@ class Scene:
                     "may yield, or of a building on a foundation or with p_delta; give that storey the strength inf, "
                     'leave out the foundation or p_delta, or give contacts = "floors"'
                 )
+            if contact.struck >= 0 and building.stiffnesses is None and building.column_stiffnesses is None:
+                raise SceneError(
+                    f"floors of pair {names[contact.pair]!r} strike columns of {building.name!r}, whose stiffness its "
+                    'stiffness_matrix does not tell; give column_stiffnesses, or contacts = "floors"'
+                )
         set_fields(
             self,
             storeys=tuple((name, limits[name]) for name in names if name in limits),
@@ -502,7 +507,7 @@ class Scene:
         return np.array([*floors, *(i for sway in bases for i in (sway, sway + 1))])
 
     def of_buildings(self, name: str) -> np.ndarray:
-        """Return the "drifts" or "deformations" of all buildings by what moves in the row, shape (n_dof, n_moving)."""
+        """Return a property of all buildings, such as "drifts", by what moves in the row, shape (n_dof, n_moving)."""
         result = np.zeros((self.n_dof, self.n_moving))
         for b, building in enumerate(self.buildings):
             dofs = self.dofs_of([b])

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.model.building import Building, Foundation, rayleigh_factors
+from pounding_sweep.model.building import Building, Foundation
 from pounding_sweep.model.meeting import column_softness, effective_mass
 from pounding_sweep.model.scene import Scene
 
@@ -101,7 +101,14 @@ class Variants:
                 i = 2 * self.scene.foundations.index(b)
                 bases = self.base_masses, self.base_stiffnesses, self.base_dashpots
                 changed["foundation"] = Foundation(*np.concatenate([table[row, i : i + 2] for table in bases]))
-            varied = {"damping_ratio": self.damping_ratio[row], "hardening": self.hardening[row, b]}
+            mass, period = self.mass_factor[row, b], self.period_factor[row, b]
+            if item.stiffness_matrix is not None:  # with P-Delta what the weights leave of it is scaled by the period
+                weights = np.subtract(item.stiffness_matrix, item.lateral_matrix)
+                changed["stiffness_matrix"] = mass * (item.lateral_matrix / period**2 + weights)
+            if item.damping_matrix is not None:
+                changed["damping_matrix"] = mass / period * np.array(item.damping_matrix)
+            ratio = "damping_ratio" if item.modal_damping is None else "modal_damping"
+            varied = {ratio: self.damping_ratio[row], "hardening": self.hardening[row, b]}
             changed |= {name: float(value) for name, value in varied.items() if not np.isnan(value)}
             scaled.append(replace(item, **changed))
         buildings = iter(scaled)
@@ -121,7 +128,7 @@ class Variants:
     stiffnesses = _scaled(lambda building: building.lateral_stiffnesses, mass=1, period=2)
     geometric_stiffnesses = _scaled(lambda building: building.geometric_stiffnesses, mass=1)
     #: Displacements of floors under a unit force on each (m/kN).
-    flexibilities = _scaled(lambda b: [*np.linalg.inv(b.stiffness_matrix).diagonal()[: b.n_storeys]], -1, -2)
+    flexibilities = _scaled(lambda b: [*np.linalg.inv(b.system_matrix).diagonal()[: b.n_storeys]], -1, -2)
     #: Yield strengths (kN), infinite where storeys never yield, and dashpots of storeys (kN s/m).
     yield_strengths = _scaled(lambda b: b.yield_strengths or (math.inf,) * b.n_storeys, mass=1, strength=1)
     dashpots = _scaled(lambda b: b.dashpots or (0.0,) * b.n_storeys, mass=1, period=1)
@@ -129,7 +136,7 @@ class Variants:
     base_masses = _of_base("masses", mass=1)
     base_stiffnesses = _of_base("stiffnesses", mass=1, period=2)
     base_dashpots = _of_base("dashpots", mass=1, period=1)
-    _column_stiffnesses = _scaled(lambda b: b.column_stiffnesses or b.stiffnesses, mass=1, period=2)
+    _column_stiffnesses = _scaled(lambda b: b.column_stiffnesses or b.storey_stiffnesses, mass=1, period=2)
 
     @cached_property
     def storey_heights(self) -> np.ndarray:
@@ -165,6 +172,31 @@ class Variants:
         left = (elastic * self.elastic_stiffnesses - geometric) / self.stiffnesses
         return np.asarray(np.where((geometric > 0.0) & np.isfinite(self.yield_strengths), left, elastic))
 
+    def dense(self, name: str) -> np.ndarray:
+        """Triangles of stiffness or damping matrices of all buildings that have one, shape (n, entries)."""
+        parts = []
+        for b, item in enumerate(self.scene.buildings):
+            mass, period = self.mass_factor[:, b], self.period_factor[:, b]
+            below = np.tril_indices(len(item.inertias))
+            if name == "dense_k" and "k" in item.letters:
+                parts.append(np.outer(mass / period**2, item.damping_matrices[1][below]))
+            elif name == "dense_c" and item.letters not in ("", "k"):
+                parts.append((mass / period)[:, None] * self._damping_matrices(b)[:, 3, *below])
+        return np.concatenate(parts, axis=1)
+
+    @cached_property
+    def stiffness_factors(self) -> np.ndarray:
+        """Factors on all stiffnesses of buildings, shape (n, buildings)."""
+        return np.asarray(self.mass_factor / self.period_factor**2)
+
+    def softness(self, name: str) -> np.ndarray:
+        """Square of the largest shear of each storey, or moment of each building, over twice the energy."""
+        parts = []
+        for item, factor in zip(self.scene.buildings, self.stiffness_factors.T, strict=True):
+            rows = item.shears if name == "shear" else item.moment[None]
+            parts.append(np.outer(1.0 / factor, np.diag(rows @ np.linalg.solve(item.system_matrix, rows.T))))
+        return np.concatenate(parts, axis=1)
+
     @cached_property
     def frequencies(self) -> list[np.ndarray]:
         """Natural circular frequencies of buildings on their foundations (rad/s), rising, shape (n, modes) each."""
@@ -184,8 +216,8 @@ class Variants:
                     parts.append((w, np.diagonal(drag, axis1=1, axis2=2).copy()))
                 w, decay = (np.concatenate(arrays)[which] for arrays in zip(*parts, strict=True))
             else:
-                (a, b), w = self.rayleigh(group[0]), self.frequencies[group[0]]
-                decay = a[:, None] + b[:, None] * w * w
+                w = self.frequencies[group[0]]
+                decay = 2.0 * self.modal_damping(group[0]) * w
             result.append((w, decay))
         return result
 
@@ -198,9 +230,9 @@ class Variants:
             item, at = scene.buildings[b], np.flatnonzero(np.isin(dofs, scene.dofs_of([b])))
             mass, period, (alpha, beta) = self.mass_factor[:, b], self.period_factor[:, b], self.rayleigh(b)
             masses[:, at] = np.outer(mass, item.inertias)
-            stiff[:, at[:, None], at] = np.multiply.outer(mass / period**2, item.stiffness_matrix)
-            shares = np.stack([alpha * mass, beta * mass / period**2, mass / period])
-            damped[:, at[:, None], at] = np.einsum("pn,pij->nij", shares, item.damping_matrices)
+            stiff[:, at[:, None], at] = np.multiply.outer(mass / period**2, item.system_matrix)
+            shares = np.stack([alpha * mass, beta * mass / period**2, mass / period, mass / period])
+            damped[:, at[:, None], at] = np.einsum("pn,npij->nij", shares, self._damping_matrices(b))
         for link in scene.linked_floors:
             if link.left in dofs:
                 across = 1.0 * (dofs == link.left) - (dofs == link.right)
@@ -216,12 +248,24 @@ class Variants:
         light, heavy = shapes / root[:, :, None], np.swapaxes(shapes, 1, 2) * root[:, None, :]
         return light, heavy, np.sqrt(np.maximum(values, 0.0)), np.swapaxes(light, 1, 2) @ damped @ light
 
+    def _damping_matrices(self, building: int) -> np.ndarray:
+        """Return what Rayleigh's factors, dashpots and modes damp: `Building.damping_matrices`, of each row or one."""
+        item, ratio = self.scene.buildings[building], self.damping_ratio
+        if item.modal_damping is None or np.isnan(ratio).all():
+            return item.damping_matrices[None]
+        result = np.repeat(item.damping_matrices[None], len(self), axis=0)
+        varied = ~np.isnan(ratio)
+        result[varied, 3] = np.multiply.outer(ratio[varied], item.damping_of_modes(1.0))
+        return result
+
     def modal_damping(self, building: int) -> np.ndarray:
         """Damping ratios of a building's modes, of its dashpots only if it has a foundation, shape (n, modes)."""
         item, period = self.scene.buildings[building], self.period_factor[:, building, None]
-        (a, b), (mass, stiff, dashed) = self.rayleigh(building), item.damping_shares
-        dashpots = dashed if item.foundation else 0.0
-        return np.asarray(a[:, None] * mass * period + b[:, None] * stiff / period + dashpots)
+        w, shapes = item.modes
+        shares = np.einsum("im,npij,jm->pnm", shapes, self._damping_matrices(building), shapes) / (2.0 * w)
+        (a, b), (mass, stiff, dashpots, dense) = self.rayleigh(building), shares
+        others = dense + dashpots * (item.foundation is not None)
+        return np.asarray(a[:, None] * mass * period + b[:, None] * stiff / period + others)
 
     def rayleigh(self, building: int) -> tuple[np.ndarray, np.ndarray]:
         """Factors (a, b) of C = a M + b K of a building (1/s, s), shape (n,) each."""
@@ -233,7 +277,7 @@ class Variants:
         """Factors (a, b) of C = a M + b K of all buildings (1/s, s), shape (n, buildings) each."""
         buildings = self.scene.buildings
         scene_factors = np.array([building.rayleigh for building in buildings]).T
-        unit = np.array([rayleigh_factors(building.on_fixed_base.frequencies, (1.0, 1.0)) for building in buildings]).T
+        unit = np.array([building.unit_rayleigh for building in buildings]).T
         ratio = self.damping_ratio[:, None]
         a, b = (np.where(np.isnan(ratio), x, ratio * y) for x, y in zip(scene_factors, unit, strict=True))
         return a / self.period_factor, b * self.period_factor

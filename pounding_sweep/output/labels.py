@@ -110,7 +110,9 @@ def listed_coordinates(plan: Plan, rows: np.ndarray, dimension: str, prefix: str
 def building_coordinates(variants: Variants, along: Mapping[str, tuple[str, int]]) -> Coordinates:
     """Return masses, stiffnesses, periods and damping of all buildings, along the dimensions that change them."""
     # `along` has the dimensions of `variants`: the kind of property that they vary, "" for any, and their size
-    scene, stiffnesses = variants.scene, variants.elastic_stiffnesses
+    scene = variants.scene
+    by_storeys = np.concatenate([building.storey_stiffnesses for building in scene.buildings])
+    stiffnesses = np.where(np.isnan(by_storeys), np.nan, variants.elastic_stiffnesses)
     factors, floors = ("mass_factor", "period_factor"), ("building", "storey")
     # values, inner dimensions, the kinds of property that change them, unit and long name
     table: dict[str, tuple[np.ndarray, tuple[str, ...], tuple[str, ...], str, str]] = {

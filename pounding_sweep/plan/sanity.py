@@ -96,7 +96,8 @@ def doubts(spec: SweepSpec) -> list[str]:
         )
         check("mass", [(at, f * m) for at, m in zip(floors, building.masses, strict=True) for f in masses])
         scales = [f / p**2 for f, p in itertools.product(masses, periods)]
-        check("stiffness", [(at, f * k) for at, k in zip(storeys, building.stiffnesses, strict=True) for f in scales])
+        stiffnesses = zip(storeys, building.stiffnesses or (), strict=False)  # of matrices none
+        check("stiffness", [(at, f * k) for at, k in stiffnesses for f in scales])
         check("height", zip(storeys, building.storey_heights or (), strict=True))
         for p in periods if building.p_delta else ():
             shares = zip(storeys, building.lateral_stiffnesses, building.geometric_stiffnesses, strict=True)
@@ -123,7 +124,10 @@ def doubts(spec: SweepSpec) -> list[str]:
     for kind, power in (("linear_stiffness", 1.0), ("hertz_stiffness", 1.5)):
         check(kind, [("", k) for k in dict.fromkeys(stiffness[exponent == power].tolist())])
     if bare.any() and not any(scene.row == preset.scene.row for preset in PRESETS.values()):
-        softest, below = float(stiffness[bare].min()), np.concatenate([b.stiffnesses for b in scene.buildings])
+        softest, below = (
+            float(stiffness[bare].min()),
+            np.concatenate([b.stiffnesses or b.lateral_stiffnesses for b in scene.buildings]),
+        )
         ratios: dict[str, float] = {}  # of floors that meet without bumpers, walls left out
         for contact, bumper in zip(scene.contacts, scene.bumper_of, strict=True):
             if bumper is None and min(contact.left, contact.right) >= 0:
@@ -176,8 +180,8 @@ def _weight_like(building: Building) -> list[str]:
     # A uniform shear building of these medians, which one soft storey of an isolated one does not change.
     storeys = building.n_storeys
     slowness = math.pi / math.sin(0.5 * math.pi / (2 * storeys + 1)) / storeys
-    uniform = slowness * math.sqrt(mass / float(np.median(building.stiffnesses)))
-    period = min(float(building.on_fixed_base.periods[0]) / storeys, uniform)
+    uniform = slowness * math.sqrt(mass / float(np.median(building.storey_stiffnesses)))
+    period = np.fmin(float(building.on_fixed_base.periods[0]) / storeys, uniform)
     if storeys < 2 or mass < WEIGHT_LIKE[0] or period < WEIGHT_LIKE[1]:
         return []
     return [

@@ -13,7 +13,9 @@ import os
 import textwrap
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -49,6 +51,7 @@ from pounding_sweep.model.faults import (
     unknown_key,
     valid_part,
 )
+from pounding_sweep.model.frames import typical
 from pounding_sweep.model.laws import LAW_GROUPS, LAWS, Law, find_law, hertz_stiffness
 from pounding_sweep.model.presets import base_isolated, get_preset
 from pounding_sweep.model.rebound import RESTITUTION_BASES
@@ -273,7 +276,7 @@ class _Reader:
                 contact["hertz_stiffness"] = faults.attempt(place, called, hertz_stiffness, contact.pop("hertz"))
             table = {"row": (), **table, "contact": contact}
             if isinstance(row := table["row"], list | tuple) and row:
-                table["row"] = [self._isolated(("scene", "row", i), item) for i, item in enumerate(row)]
+                table["row"] = [self._read_building(("scene", "row", i), item) for i, item in enumerate(row)]
         if isinstance(table, dict) and "preset" in table:
             if table["row"] != ():
                 raise SceneError("preset and row exclude each other; give one of them", ("preset",))
@@ -284,17 +287,23 @@ class _Reader:
         scene = TypeAdapter(Scene).validate_python(table, context={"base": self.arguments["base"]})
         return scene if len(faults.entries) == before else None
 
-    def _isolated(self, place: Place, item: Any) -> Any:
-        """Put a building whose table has isolators on them; return all others of a row as they are."""
-        if not isinstance(item, dict) or "isolation" not in item:
+    def _read_building(self, place: Place, item: Any) -> Any:
+        """Make a building of a table that says a typical one, or isolators; return all others of a row as they are."""
+        if not isinstance(item, dict) or not {"isolation", "typical"} & item.keys():
             return item
-        on_fixed_base = {key: value for key, value in item.items() if key != "isolation"}
-        try:
-            building = TypeAdapter(Building).validate_python(on_fixed_base)
-        except ValidationError:  # which the row tells
-            return on_fixed_base
-        at = (*place, "isolation")
-        return self.faults.attempt(at, called, base_isolated, item["isolation"], building=building) or building
+        table, building = {key: value for key, value in item.items() if key not in ("isolation", "typical")}, None
+        if "typical" in item:
+            arguments = self.faults.attempt((*place, "typical"), called, typical, item["typical"]) or {"masses": [1.0]}
+            for key in arguments.keys() & table.keys():
+                self.faults.add((*place, key), f"{key} and typical exclude each other; give one of them")
+            table |= arguments
+        if "isolation" not in item:
+            return table
+        with suppress(ValidationError):  # which the row tells
+            building = TypeAdapter(Building).validate_python(table, context={"base": self.arguments["base"]})
+            isolated = partial(called, base_isolated, item["isolation"], building=building)
+            building = self.faults.attempt((*place, "isolation"), isolated) or building
+        return building or table
 
     def _records(self, value: Any) -> list[Record] | None:
         before, kinds = len(self.faults.entries), (Record, str, os.PathLike, dict)

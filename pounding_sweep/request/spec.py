@@ -295,9 +295,13 @@ def _building(item: Building) -> str:
     plural = "s" * (item.n_storeys > 1)
     weight = f"weight {sum(item.masses) * STANDARD_GRAVITY:.0f} kN"
     if item.p_delta:
-        weight += f" with P-Delta, stability coefficients up to {max(item.stability_coefficients):.2g}"
+        weight += " with P-Delta"
+        if item.stiffnesses:
+            weight += f", stability coefficients up to {max(item.stability_coefficients):.2g}"
     if item.on_isolators and item.yields[0]:
-        soft = replace(item, stiffnesses=[item.hardenings[0] * item.stiffnesses[0], *item.stiffnesses[1:]])
+        soft = replace(
+            item, stiffnesses=[item.hardenings[0] * item.storey_stiffnesses[0], *item.storey_stiffnesses[1:]]
+        )
         first += f" s before its isolators yield, {', '.join(f'{period:.3g}' for period in soft.periods[:2])} s after,"
     else:
         first += " s,"

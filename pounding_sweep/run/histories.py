@@ -65,11 +65,15 @@ def histories(kernel: RowKernel, states: np.ndarray, record: Record, time: np.nd
     # storeys: the elastic part, and that which may yield
     drift, plastic, soft = moved @ drifts.T, part.get("slip", 0.0), 1.0 - row.hardenings[0]
     stiffnesses = row.stiffnesses[0]
-    spring = stiffnesses * (drift - soft * plastic)
+    # of a building by its matrix shears are what it puts on the floors above, and hold what they have moved
+    dense = np.repeat(["k" in b.letters for b in scene.buildings], np.diff(scene.offsets))
+    spring = np.where(dense, moved @ scene.of_buildings("lateral_shears").T, stiffnesses * (drift - soft * plastic))
     strain = 0.5 * stiffnesses * ((1.0 - soft) * drift**2 + soft * (drift - plastic) ** 2)
     strengths = np.where(scene.yields, row.yield_strengths[0], 0.0)
+    strain = np.where(dense, 0.5 * spring * drift, strain)
     hysteretic = ((1.0 - row.elastic_hardenings[0]) * strengths * part.get("travel", np.zeros_like(u))) @ owned[:n]
-    damper = (beta * part.get("kd", stiffnesses) + row.dashpots[0]) * (moving @ drifts.T)
+    kd = part.get("kd", stiffnesses)
+    damper = (np.where(dense, 0.0, beta * kd) + row.dashpots[0]) * (moving @ drifts.T)
 
     # contacts and links: what each floor moves them by
     shares, floors, contacts, links = np.zeros((len(scene.contacts), n)), np.eye(n), scene.contacts, scene.linked_floors
@@ -83,6 +87,7 @@ def histories(kernel: RowKernel, states: np.ndarray, record: Record, time: np.nd
     labels = np.equal.outer([contact.place for contact in contacts], range(len(scene.pair_labels)))
 
     on_floors = -alpha * masses[:n] * (moving @ deformations.T) - (spring + damper) @ drifts[:, :n]
+    on_floors -= moving @ scene.of_buildings("dense_damping").T
     on_floors -= force @ shares + pull @ linked
     kinetic = (0.5 * masses * moving**2) @ owned
     strain = np.hstack([strain, 0.5 * base * moved[:, n:] ** 2]) @ owned

@@ -82,11 +82,8 @@ def _matrix(group: Group, part: Part, be: Any, ga: Any) -> tuple[list[Any], list
     terms: dict[tuple[int, int], list[tuple[int, Any]]] = {}
     links = list(group.iter_links(straight=True)) if group.spec.solves_row else []
     for element in [*(element for block in part.blocks for element in block.elements), *links]:
-        resistance = element.resistance(be, ga)
-        for n, (p, sign, share) in enumerate(element.ends):
-            for q, other, part_of_it in element.ends[n:]:
-                term = part_of(part_of(resistance, share), part_of_it)
-                terms.setdefault((min(p, q), max(p, q)), []).append((sign * other, term))
+        for p, q, sign, entry in element.entries(be, ga):
+            terms.setdefault((min(p, q), max(p, q)), []).append((sign, entry))
     diagonal: list[Any] = [None] * len(part.dofs)
     for b, places, on_ground, _ in part.blocks:
         for p in places:

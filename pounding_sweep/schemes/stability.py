@@ -61,17 +61,17 @@ def largest_step(
         floors, masses = slice(*scene.offsets[index : index + 2]), np.asarray(building.masses)
         period, mass = variants.period_factor[:, index], variants.mass_factor[:, index]
         pulls = np.vstack([weights[floors], links[:, floors]]) / masses
-        if building.foundation is not None:
+        if building.foundation is not None or building.letters:
             contact, *link = pulls.max(axis=1)
             most = np.square(variants.frequencies[index][:, -1])
             # C / M is bounded by the largest eigenvalues of its parts
             root = 1.0 / np.sqrt(building.inertias)
-            parts = np.linalg.eigvalsh(building.damping_matrices * np.outer(root, root))[:, -1].tolist()
-            building_rate = a * parts[0] + b * parts[1] / np.square(period) + parts[2] / period
+            *parts, dense = np.linalg.eigvalsh(building.damping_matrices * np.outer(root, root))[:, -1].tolist()
+            building_rate = a * parts[0] + b * parts[1] / np.square(period) + (parts[2] + dense) / period
             w2 = np.maximum(w2, most + (link[0] + contact_k * contact) / mass)
             rate = np.maximum(rate, building_rate + (link[1] + contact_c * contact) / mass)
             continue
-        rows, dampers = np.abs(building.damping_matrices[1:]).sum(axis=2) / masses
+        rows, dampers, _ = np.abs(building.damping_matrices[1:]).sum(axis=2) / masses
         floors_of = np.unique(np.vstack([rows, dampers, pulls]).T, axis=0)
         # of those floors that no other one reaches in all columns
         most_of = [x for x in floors_of if (floors_of >= x).all(axis=1).sum() == 1]

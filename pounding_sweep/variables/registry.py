@@ -9,7 +9,8 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache, partial, reduce
+from operator import add
 from typing import Any
 
 import numpy as np
@@ -310,7 +311,23 @@ def _energy_residual(results: KernelResults) -> np.ndarray:
 
 def _shear(results: KernelResults) -> np.ndarray:
     elastic = np.asarray(results.slots["drift"] * results.variants.elastic_stiffnesses)
-    return np.where(results.scene.yields, results.slots["shear"], elastic) if "shear" in results.slots else elastic
+    if "shear" not in results.slots:
+        return elastic
+    sizes = np.diff(results.scene.offsets)
+    dense = np.repeat(["k" in building.letters for building in results.scene.buildings], sizes)
+    kept = results.slots["shear"] * np.where(dense, np.repeat(_force_factors(results), sizes, axis=1), 1.0)
+    return np.where(np.array(results.scene.yields) | dense, kept, elastic)
+
+
+def _force_factors(results: KernelResults) -> np.ndarray:
+    """Factors on forces of displacements, of each building, missing where the period varies but not its weight."""
+    leans = np.array([building.p_delta for building in results.scene.buildings])
+    return np.where(leans & (results.variants.period_factor != 1.0), np.nan, results.variants.stiffness_factors)
+
+
+def _moment(results: KernelResults) -> np.ndarray:
+    yields = [any(building.yields) for building in results.scene.buildings]
+    return np.where(yields, np.nan, results.slots["moment"] * _force_factors(results))
 
 
 def _ductility(results: KernelResults) -> np.ndarray:
@@ -353,6 +370,25 @@ def _shears(group: Group, straight: bool) -> Iterator[Motion]:
     for storey in bouc_wen.iter_storeys(group):
         soft = partial(_softness, storey, True)
         yield Motion(("shear", storey.index), None, True, soft, partial(_borne, storey, bouc_wen.shear))
+
+    for b, floors in enumerate(group.spec.floors):
+        for s, i in enumerate(floors) if "k" in group.spec.letters(b) else ():
+            first = sum(n * len(group.spec.dofs(k)) for k, n in enumerate(group.spec.storeys[:b]))
+            of = partial(_weighted, group, "shear_weight", first + s * len(group.spec.dofs(b)), group.spec.dofs(b))
+            yield Motion(("shear", i), None, True, partial(group.prop, "shear_soft", i), of)
+
+
+def _moments(group: Group, straight: bool) -> Iterator[Motion]:
+    for b in range(group.spec.n_buildings):
+        if not {*group.spec.floors[b]} & {*group.spec.yielding}:
+            first = sum(len(group.spec.dofs(k)) for k in range(b))
+            of = partial(_weighted, group, "moment_weight", first, group.spec.dofs(b))
+            yield Motion(("moment", b), None, True, partial(group.prop, "moment_soft", b), of)
+
+
+def _weighted(group: Group, weights: str, first: int, dofs: Sequence[int], x: Any = "u") -> Any:
+    """Sum of displacements, or of their rates, by weights that are properties of the scene."""
+    return reduce(add, [group.prop(weights, first + k) * group.floor(x, i) for k, i in enumerate(dofs)])
 
 
 def _softness(storey: Storey, of_shear: bool = False) -> Any:
@@ -444,7 +480,11 @@ DEFINITIONS = {
     "roof_drift_ratio_max": "Largest absolute displacement of the building's highest floor relative to the ground, a "
     "foundation's sway and rotation included, over the height of that floor.",
     "storey_shear_max": "Largest absolute elastic storey force k |u_i - u_(i-1)|, of a storey that yields that of its"
-    " hysteresis; dampers not included; with P-Delta what the columns bear, the push of the weights included.",
+    " hysteresis, of a building by a stiffness matrix the sum of its forces on the floors above; dampers not included; "
+    "with P-Delta what the columns bear, the push of the weights included. Missing of a building by a stiffness matrix "
+    "with P-Delta whose period varies.",
+    "overturning_moment_max": "Largest absolute moment at the building's base of its storey shears over the storeys' "
+    "heights; missing where its storeys yield, or with P-Delta its period varies.",
     "acceleration_max": "Largest absolute total acceleration of the floor (relative + ground); where the contact "
     "force jumps at a touch, the limit just after it counts; where velocities jump, the jump itself does not.",
     "ductility_max": "Largest absolute interstorey displacement over the yield drift Vy / k (ductility demand mu); "
@@ -547,7 +587,8 @@ REDUCERS: dict[str, Reducer] = {
                 for storey in group.iter_storeys(range(group.spec.n_dof))
             ),
         ),
-        Reducer("shear", (Slot("shear", "floor"),), where="yields", follows=_shears),
+        Reducer("shear", (Slot("shear", "floor"),), where="shears", follows=_shears),
+        Reducer("moment", (Slot("moment", "building"),), follows=_moments),
         Reducer("residual", (Slot("slip", "floor"),), where="yields"),
         Reducer("collapse", (Slot("collapse_time", "floor", lambda group, i: -1.0),), where="falls"),
         Reducer("acceleration", (Slot("acc", "floor"),), looks="ends"),
@@ -630,6 +671,15 @@ _VARIABLES = (
     ),
     _drift("roof_drift_ratio_max", "1", "largest roof drift ratio", _roof_ratio, "building", ["displacement"]),
     _floor("storey_shear_max", "kN", "largest storey shear", _shear, needs=["drift", "shear"], default=True),
+    Variable(
+        "overturning_moment_max",
+        "kN m",
+        "largest overturning moment",
+        _moment,
+        per="building",
+        needs=["moment"],
+        error="motions",
+    ),
     _floor("acceleration_max", "m s-2", "largest total floor acceleration", "acc", error="contacts"),
     _yielding("ductility_max", "1", "largest storey ductility", _ductility, needs=["drift"], unbounded=True),
     _yielding(

@@ -298,11 +298,12 @@ def draw_row(
         floors = ax.plot([], [], color=colour, linewidth=2.6, solid_capstyle="butt")
         lines.append((number, *columns, *floors))
         ax.text(sum(edges) / 2.0, -0.03 * top, item.name, ha="center", va="top")
-        floors_at = zip(pairwise(heights[number]), item.masses, item.stiffnesses, strict=True) if numbers else ()
+        floors_at = zip(pairwise(heights[number]), item.masses, item.storey_stiffnesses, strict=True) if numbers else ()
         for (low_end, high_end), mass, stiffness in floors_at:
             words: Any = {"x": sum(edges) / 2.0, "ha": "center", "fontsize": 7}
             ax.text(y=high_end - 0.01 * top, s=f"{mass:.4g}", va="top", **words)
-            ax.text(y=0.5 * (low_end + high_end), s=f"{stiffness:.4g}", va="center", color="0.35", **words)
+            if np.isfinite(stiffness):  # of a building by its matrix no storey has one
+                ax.text(y=0.5 * (low_end + high_end), s=f"{stiffness:.4g}", va="center", color="0.35", **words)
     for pair, gap in enumerate(scene.gaps if numbers else ()):
         middle = 0.5 * (right[pair] + left[pair + 1])
         ax.text(middle, 1.02 * top, f"{1e3 * gap:.4g} mm", ha="center", va="bottom", fontsize=7)
