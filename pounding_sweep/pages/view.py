@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 #: Numbers that a page holds at most, and up to which they are kept as float32; beyond they are rounded.
 MOST_NUMBERS, MOST_EXACT = 5_000_000, 1_000_000
 #: Bits of a mantissa (of 23) that are rounded away then, and bytes of the page that a number takes at most.
-_ROUNDED_BITS, _NUMBER_BYTES = 11, 2.75
+_ROUNDED_BITS, _NUMBER_BYTES = 11, 2.4
 #: Outputs that every page has where the cube does.
 _ALWAYS = ("status", "error_estimate", "unsettled_output", "run")
 #: Outputs and axes of which the first that is there is drawn first.
