@@ -6,6 +6,7 @@ import json
 import math
 import re
 import tomllib
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -129,6 +130,26 @@ def test_the_loosest_accuracies_begin_with_the_same_steps():
     loosest, loose = (make(accuracy=accuracy).plan() for accuracy in (1e-1, 1e-2))
     assert (loosest.numerics, loosest.steps.tolist()) == (loose.numerics, loose.steps.tolist())
     assert "0.1: exact float32" in loosest.choice
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"accuracy": 1e-3},
+        {"gaps": [0.0, 0.002]},
+        {"laws": ["linear", "hertz"]},
+        {"precision": "float64"},
+        {
+            "scene": Scene(
+                [replace(b, yield_strengths=[50.0] * b.n_storeys) for b in row().buildings], row().gaps, row().contact
+            )
+        },
+    ],
+)
+def test_what_magnifies_errors_always_runs_twice(changes):
+    sweep = {"laws": "linear", "gaps": [0.001, 0.002], "accuracy": 1e-2}
+    assert make(**sweep).plan().once
+    assert not make(**sweep | changes).plan().once
 
 
 def test_the_cube_says_what_was_chosen(tmp_path):

@@ -8,9 +8,11 @@ from scenes import AXES, EVERY, OUTPUTS, motions, row
 
 import pounding_sweep as ps
 from pounding_sweep.model.laws import LAWS
+from pounding_sweep.output.audited import errors_sentence
 from pounding_sweep.plan import advice
 from pounding_sweep.plan.advice import CLASSES, Curve, Measured
 from pounding_sweep.plan.scenarios import ChunkTask
+from pounding_sweep.run import execute as execution
 from pounding_sweep.run import refinement
 from pounding_sweep.run.refinement import differences
 from pounding_sweep.variables.registry import (
@@ -143,6 +145,32 @@ def test_refinement_ends_where_finer_steps_change_nothing(monkeypatch, values, d
     runs, ended = runs_of(monkeypatch, values)
     assert runs == [*SINGLE, *(("float64", n) for n in doubles)]
     assert ended == status
+
+
+@pytest.mark.slow
+def test_one_run_of_each_is_enough_where_a_sample_agrees(monkeypatch, tmp_path):
+    monkeypatch.setattr("pounding_sweep.plan.plan.LEAST_SAMPLE", 8)
+    sweep = {"laws": ["linear", "kelvin_voigt"], "gaps": np.linspace(0.001, 0.012, 12).tolist(), "restitutions": [0.6]}
+    names = ("displacement_max", "displacement_min", "impact_force_max")
+
+    def run(accuracy, **options):
+        cube = make(**sweep, accuracy=accuracy, dt=None, method="exact", outputs=OUTPUTS).run(workers=2, **options)
+        touching = ~np.isnan(cube["steps_per_contact"].values).ravel()
+        estimates = ~np.isnan(cube["error_estimate"].values).ravel()
+        values = {name: cube[name].values.reshape(len(touching), -1) for name in names}
+        return cube, values, int((touching & estimates).sum()), int(touching.sum())
+
+    (cube, values, judged, touching), (_, fine, every, _) = run(1e-2), run(1e-4)
+    assert 0 < judged < 16 < touching == every
+    errors = np.max([*relative_errors(names, values, fine).values()], axis=0)
+    assert 0.0 < errors.max() < 1e-2
+    assert "estimated in a sample of" in errors_sentence(cube, cube.attrs)
+    assert "one run of each where a sample of them allows it" in cube.attrs["accuracy_choice"]
+    again = run(1e-2, out=tmp_path / "again.nc")[1]
+    for name in names:
+        np.testing.assert_array_equal(again[name], values[name])
+    monkeypatch.setattr(execution, "is_refined", lambda plan, rows, table: np.full(len(rows), True))
+    assert run(1e-2)[2] == touching  # the sample disagrees: all run twice
 
 
 def test_a_scenario_is_refined_alike_whatever_is_beside_it(monkeypatch):

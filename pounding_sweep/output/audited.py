@@ -93,11 +93,12 @@ def errors_sentence(cube: Mapping[Any, Any], attributes: Mapping[Any, Any]) -> s
     """Say in one line how large the errors of a cube are, of which scenarios; "" where nothing was measured."""
     if "error_estimate" in cube:
         estimate = np.asarray(cube["error_estimate"][...])[np.asarray(cube["status"][...]) == Status.OK]
-        estimate = estimate[~np.isnan(estimate)]
+        n, estimate = len(estimate), estimate[~np.isnan(estimate)]
         if not len(estimate):
             return ""
         numbers = f"largest {estimate.max():.2g}, 99 % within {_most(estimate):.2g}, median {np.median(estimate):.2g}"
-        return f"relative, estimated in all {len(estimate)} scenarios that are ok: {numbers}"
+        which = f"all {n}" if n == len(estimate) else f"a sample of {len(estimate)} of {n}"
+        return f"relative, estimated in {which} scenarios that are ok: {numbers}"
     if not has_audit(cube):
         return ""
     error, undecided = np.asarray(cube["audit_error"][...]), np.asarray(cube["audit_undecided"][...], bool)

@@ -140,6 +140,8 @@ EXACT_STEPS = 4.0
 ORDERLY = 2e-3
 #: Relative error beyond which steps grow no longer: more scenarios would be refined, at a greater cost.
 COARSEST = 1e-2
+#: Part of what is allowed within which measured errors are where one run is enough.
+ENOUGH = 0.01
 #: Part of what is allowed within which a scenario begins: to begin finer costs less than to be refined.
 EARLY = 0.6
 #: Relative error below which that of single precision may be one of rounding: penetrations of stiff contacts are small
@@ -322,6 +324,26 @@ class Demand:
                 result[(result == 0) & (phase_error(self.variants, record, numerics) <= limit)] = count
         return result
 
+    def needs_one_run(self, measured: Measured, scheme: SchemeAndFormat, need: dict[str, float]) -> bool:
+        """Whether measured errors are so small that one run in single precision is enough, if a sample agrees.
+
+        What yields, falls, jumps or is stepped by stages magnifies errors more than was measured.
+        """
+        spec, (method, precision) = self.spec, scheme
+        numerics, scene = Numerics(method, 1.0, precision=precision), spec.scene
+        shapes = [kernel_shape(scene, law, numerics, ()) for law in self.laws]
+        steady = all(shape.stepless for shape in shapes) and not (any(scene.yields) or any(scene.falls) or scene.padded)
+        if (
+            self.accuracy < COARSEST
+            or precision != "float32"
+            or not steady
+            or any(LAWS.get(law.key) != law for law in self.laws)
+        ):
+            return False
+        least = ENOUGH * self.accuracy
+        pairs = ((law.key, kind) for law in self.laws for kind in classes_of(spec.outputs))
+        return all(measured.curves[(*scheme, key, kind)].needed(least) <= need[key] for key, kind in pairs)
+
     def cost(self, method: str, nanoseconds: float, steps: np.ndarray, need: dict[str, float]) -> float:
         """Seconds of all scenarios on one core, by the measured cost of a step."""
         total, refinement = 0.0, _refinement(method, need)
@@ -343,6 +365,7 @@ class Choice(NamedTuple):
     uncoupled_steps: np.ndarray  # those of the runs without pounding, shape (records, variants); int
     text: str = ""  # what was chosen, as a sentence
     numbers: dict[str, Any] | None = None  # those that led to it
+    once: bool = False  # whether one run may be enough, by measured errors
 
 
 def advise(demand: Demand) -> Choice:
@@ -401,4 +424,6 @@ def advise(demand: Demand) -> Choice:
     settings = (spec.locate, spec.beta, spec.gamma, precision, _refinement(method, need))
     sentence = f"{spec.accuracy:g}: {' '.join(scheme)}, {number} per record interval to begin with{more}"
     numerics = Numerics(method, largest, *settings, seconds_of_rest(demand.spec.rest))
-    return Choice(numerics, steps, uncoupled, sentence, numbers)
+    once = demand.needs_one_run(measured, scheme, need)
+    sentence += ", one run of each where a sample of them allows it" * once
+    return Choice(numerics, steps, uncoupled, sentence, numbers, once)

@@ -70,6 +70,8 @@ PLAN_BYTES = 760
 LEAST_SHARING, LEAST_SHARING_ENERGIES = 32, 6
 #: Scenarios that must share a run without pounding for it to be run: it costs about what one of them does.
 LEAST_SHARED = 4
+#: Scenarios of a sample, at least in number and in share, and multiples of them from which on one is taken.
+LEAST_SAMPLE, SAMPLE_SHARE, LEAST_SAMPLED = 96, 0.03, 4
 #: Margin by which a gap must exceed the closing displacement to be left out.
 CLOSING_MARGIN = 1e-9
 
@@ -95,6 +97,8 @@ class Plan:
         Steps per record interval of the runs without pounding.
     uncoupled_runs, uncoupled_of : Scenarios and ndarray of int
         Distinct runs without pounding of all rows of `unique`, and which of them is that of each row.
+    once : bool
+        Whether one run of each scenario is enough, where a sample that runs twice agrees.
     choice, choice_numbers : str and dict
         What was chosen for the accuracy asked for, and the numbers that led to it; "" and None where the sweep gives
         scheme and step.
@@ -119,6 +123,7 @@ class Plan:
     uncoupled_steps: np.ndarray
     uncoupled_runs: Scenarios
     uncoupled_of: np.ndarray
+    once: bool = False
     choice: str = ""
     choice_numbers: Mapping[str, Any] | None = None
 
@@ -198,7 +203,8 @@ class Plan:
 
     def chunks(self, rows: np.ndarray, uncoupled: bool = False) -> list[Chunk]:
         """Cut rows of `unique`, or of `uncoupled_runs`, into chunks; depends on nothing but the sweep and the rows."""
-        name, table, steps = f"{self.digest}:{self.numerics.method}", self.unique, self.steps
+        name = f"{self.digest}:{self.numerics.method}{':once' * self.once}"
+        table, steps = self.unique, self.steps
         if uncoupled:
             name, table = f"{name}:without pounding", self.uncoupled_runs
             steps = self.uncoupled_steps[table.record, table.variant]
@@ -217,7 +223,7 @@ class Plan:
         total = (
             (self.spec.records[record].n_points - 1 + self._rest_points(record))
             * steps
-            * (1 if self.spec.accuracy is None else REFINED)
+            * (1 if self.spec.accuracy is None or self.once else REFINED)
         )
         return total * self.spec.scene.n_dof * self.numerics.scheme.step_cost * 1e-9
 
@@ -230,6 +236,13 @@ class Plan:
             strong = max(1.0, LATE * late / motion.pga) if motion.pga else 1.0
             rest = small * math.log(strong) / math.log(1.0 / SMALL_MOTION)
         return float(rest / motion.dt)
+
+    def sample(self, rows: np.ndarray) -> np.ndarray:
+        """Return rows to be run twice before one run of each may be enough; none where they are most of the cost."""
+        count = max(LEAST_SAMPLE, round(SAMPLE_SHARE * len(rows)))
+        if not self.once or len(rows) < LEAST_SAMPLED * count:
+            return rows[:0]
+        return np.sort(np.random.default_rng(int(self.digest[:16], 16)).permutation(rows)[:count])
 
     @cached_property
     def bytes_per_scenario(self) -> int:
@@ -342,6 +355,7 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
         uncoupled_steps=choice.uncoupled_steps,
         uncoupled_runs=uncoupled_runs,
         uncoupled_of=uncoupled_of,
+        once=choice.once and bool((unique.gaps > max(law.thickness for law in laws)).all()),
         choice=choice.text,
         choice_numbers=choice.numbers,
     )

@@ -302,6 +302,7 @@ class ChunkTask(NamedTuple):
     table: Scenarios  # scenarios to run
     variants: Variants  # their building properties
     outputs: Sequence[str]  # variables asked for
+    once: bool = False  # whether one run of each is enough for the kernel's accuracy
 
     def part(self, rows: np.ndarray) -> ChunkTask:
         """Return some of the scenarios."""

@@ -29,7 +29,8 @@ def measured_seconds(plan: Plan) -> float | None:
         group = random.choice(alike, 2 * LANES)
         record, steps = int(table.record[first]), int(plan.steps[first])
         kernel, scenarios = plan.kernel(law, record=record, steps=steps), table[group]
-        task = ChunkTask(kernel, plan.spec.records[record], scenarios, plan.variants[scenarios.variant], plan.outputs)
+        variants = plan.variants[scenarios.variant]
+        task = ChunkTask(kernel, plan.spec.records[record], scenarios, variants, plan.outputs, plan.once)
         run_scenarios(task)
         started = time.perf_counter()
         run_scenarios(task)

@@ -15,6 +15,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -163,11 +164,12 @@ def execute(
     outcome.compiled = dispatcher.prepare(shapes) if shapes else 0
     begun = time.perf_counter()
     if shapes:
-        run_stage = partial(_run_stage, plan, outcome, dispatcher, store, earlier)
+        twice = replace(plan, once=False)
+        run_stage = partial(_run_stage, outcome, dispatcher, store, earlier)
         runs = len(plan.uncoupled_runs)
         closing = np.full((runs, *inner_shape("closing_max", plan.spec.scene)), np.inf)
         slot, status = np.full(runs, -1), np.full(runs, int(Status.NOT_RUN), np.int8)
-        for rows, table, slots in run_stage("no pounding", plan.uncoupled_to_run):
+        for rows, table, slots in run_stage(twice, "no pounding", plan.uncoupled_to_run):
             status[rows], slot[rows] = table["status"], slots
             ok = np.isin(table["status"], VALID)
             closing[rows[ok]] = table["closing_max"][ok]
@@ -178,8 +180,14 @@ def execute(
             run = plan.uncoupled_of[rows]
             outcome.results.answer(rows, slot[run], status[run], touched=False)
         rest = np.flatnonzero(~outcome.left_out & ~plan.refused).astype(np.int32)
-        for rows, table, slots in run_stage("scenarios", rest):
-            outcome.results.answer(rows, slots, table["status"], np.isfinite(table["steps_per_contact"]))
+        sample = plan.sample(rest)
+        is_enough = len(sample) > 0
+        for stage, part in [("sample", sample)] * is_enough + [("scenarios", np.setdiff1d(rest, sample))]:
+            once = is_enough and stage == "scenarios"
+            for rows, table, slots in run_stage(plan if once else twice, stage, part):
+                outcome.results.answer(rows, slots, table["status"], np.isfinite(table["steps_per_contact"]))
+                if stage == "sample":
+                    is_enough &= bool(((table["status"] == Status.OK) & ~is_refined(plan, rows, table)).all())
         if store is not None and outcome.failures:
             store.flush()  # the next run makes what is missing
     outcome.compile_seconds, outcome.run_seconds = begun - started, time.perf_counter() - begun
@@ -192,12 +200,18 @@ def execute(
     return outcome
 
 
+def is_refined(plan: Plan, rows: np.ndarray, table: np.ndarray) -> np.ndarray:
+    """Whether the steps of scenarios were halved more than once."""
+    intervals = np.array([record.dt for record in plan.spec.records])[plan.unique.record[rows]]
+    return np.asarray(intervals / table["time_step"] > 3.0 * plan.steps[rows])
+
+
 def _run_stage(
-    plan: Plan,
     outcome: Outcome,
     dispatcher: Dispatcher,
     store: ChunkStore | None,
     earlier: EarlierCube | None,
+    plan: Plan,
     stage: str,
     rows: np.ndarray,
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -249,14 +263,13 @@ def _run_stage(
     def task_of(chunk: Chunk) -> ChunkTask:
         kernel = plan.kernel(chunk.law, closing=closing, record=chunk.record, steps=chunk.steps)
         part = table[chunk.rows]
-        return ChunkTask(kernel, plan.spec.records[chunk.record], part, plan.variants[part.variant], outputs)
+        return ChunkTask(kernel, plan.spec.records[chunk.record], part, plan.variants[part.variant], outputs, plan.once)
 
     for chunk, result in dispatcher.run(waiting, task_of):
         if isinstance(result, str):  # the next run makes what is missing
             outcome.failures.append(result)
             progress.advance(len(chunk.rows))
         else:
-            if plan.spec.accuracy is not None:
-                steps = plan.spec.records[chunk.record].dt / result["time_step"]
-                outcome.refined += int((steps > 3.0 * chunk.steps).sum())
+            if plan.spec.accuracy is not None and not closing:
+                outcome.refined += int(is_refined(plan, chunk.rows, result).sum())
             yield answer("run", chunk, result)

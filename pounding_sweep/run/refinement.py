@@ -94,7 +94,7 @@ def run_once(task: ChunkTask) -> Values:
 
     Returns variables of shape (n, *inner), and where the kernel has a history the `STATES` of the one scenario.
     """
-    kernel, record, table, variants, outputs = task
+    kernel, record, table, variants, outputs, _ = task
     if kernel.numerics.scheme.flies_exactly and kernel.varied:
         kinds = kernel.flight_substeps(record, variants)
         parts = [np.flatnonzero(kinds == kind) for kind in np.unique(kinds)]
@@ -190,7 +190,14 @@ def run_scenarios(task: ChunkTask) -> Values:
     """Run scenarios to the kernel's accuracy, or at its step, and what else their outputs ask for; see `run_once`."""
     kernel, record, table, *_ = task
     if kernel.accuracy is not None:
-        return _run_refined(task, kernel.accuracy)
+        if not task.once:
+            return _run_refined(task, kernel.accuracy)
+        result = _run(task)
+        result["error_estimate"][:] = np.nan
+        if len(rows := np.flatnonzero(result["status"] != Status.OK)):
+            for name, values in _run_refined(task.part(rows), kernel.accuracy).items():
+                result[name][rows] = values
+        return result
     result, outputs, is_asked = _run(task), comparable(task.outputs), "error_estimate" in task.outputs
     least = -np.inf if kernel.numerics.scheme.flies_exactly else kernel.law.thickness
     resting = np.asarray((table.gaps <= least).any(axis=1))
