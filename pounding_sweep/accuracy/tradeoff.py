@@ -20,7 +20,7 @@ import xarray as xr
 from pounding_sweep.accuracy.certificate import prepare_kernels
 from pounding_sweep.base.errors import InputError, SweepError, check_choice
 from pounding_sweep.base.text import finite, scientific
-from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.engine.row_kernel import Numerics
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.dataset import global_attributes, unit_attributes
 from pounding_sweep.output.identity import library_versions
@@ -88,47 +88,34 @@ _ABOUT = {
 Values = dict[str, np.ndarray]
 
 
-class Setting(NamedTuple):
-    """What runs the scenarios of a plan: a scheme at a step, or an accuracy."""
-
-    label: str
-    numerics: Numerics
-    accuracy: float  # NaN where the step is fixed
-    kernels: Mapping[int, RowKernel]  # by law
-    steps: np.ndarray  # per record interval, of each row of the plan's table
-
-
-def run_rows(plan: Plan, table: Scenarios, setting: Setting, steps: np.ndarray, outputs: Sequence[str]) -> Values:
+def run_rows(plan: Plan, table: Scenarios, steps: np.ndarray, outputs: Sequence[str], closing: bool = False) -> Values:
     """Run scenarios of a plan, at `steps` per record interval, as a sweep does; variables of shape (rows, *inner)."""
     values = {name: np.full((len(table), *inner_shape(name, plan.spec.scene)), np.nan) for name in outputs}
     values["status"] = np.full(len(table), int(Status.NOT_RUN))
     for law in np.unique(table.law).tolist():
-        of_law, kernel = np.flatnonzero(table.law == law), setting.kernels[law]
+        of_law = np.flatnonzero(table.law == law)
         for index, count, places in table[of_law].by_step(steps[of_law]):
-            rows, record = of_law[places], plan.spec.records[index]
-            stepped = replace(kernel, numerics=replace(kernel.numerics, dt=record.dt / count))
-            part = table[rows]
-            result = run_scenarios(ChunkTask(stepped, record, part, plan.variants[part.variant], outputs))
+            rows, kernel = of_law[places], plan.kernel(law, closing, record=index, steps=count)
+            variants = plan.variants[table.variant[rows]]
+            result = run_scenarios(ChunkTask(kernel, plan.spec.records[index], table[rows], variants, outputs))
             for name in values.keys() & result.keys():
                 values[name][rows] = result[name]
     return values
 
 
-def fixed_setting(plan: Plan, table: Scenarios, numerics: Numerics, closing: bool = False) -> Setting:
-    """Return a setting of a scheme and a step for scenarios of a plan."""
-    laws = np.unique(table.law).tolist()
-    kernels = {law: replace(plan.kernel(law, closing), numerics=numerics) for law in laws}
-    of_records = np.array([numerics.steps(record) for record in plan.spec.records])
-    return Setting("", numerics, math.nan, kernels, of_records[table.record])
+def at_step(plan: Plan, numerics: Numerics) -> Plan:
+    """Return the plan with another scheme and step."""
+    counts = np.array([numerics.steps(record) for record in plan.spec.records])
+    return replace(plan, numerics=numerics, steps=counts[plan.unique.record], uncoupled_steps=counts[:, None])
 
 
 def find_touching(plan: Plan) -> np.ndarray:
     """Rows of the plan's unique table in which floors can meet, found by runs without pounding."""
     one, table = np.ones(len(plan.variants)), plan.uncoupled_runs
     limit = largest_step(plan.variants, plan.laws[-1], 0.0 * one, one, method="rk4")
-    numerics = replace(plan.numerics, method="rk4", dt=min(CLOSING_STEP, 0.5 * float(limit.min())))
-    setting = fixed_setting(plan, table, numerics, closing=True)
-    return ~untouched(plan, run_rows(plan, table, setting, setting.steps, ("closing_max",))["closing_max"])
+    alone = at_step(plan, replace(plan.numerics, method="rk4", dt=min(CLOSING_STEP, 0.5 * float(limit.min()))))
+    steps = alone.uncoupled_steps[table.record, 0]
+    return ~untouched(plan, run_rows(alone, table, steps, ("closing_max",), closing=True)["closing_max"])
 
 
 class TradeSample(NamedTuple):
@@ -178,16 +165,13 @@ def setting_label(spec: SweepSpec, numerics: Numerics) -> str:
     return ", ".join(filter(None, parts))
 
 
-def make_setting(spec: SweepSpec, touching: np.ndarray, laws: Iterable[int]) -> Setting | None:
-    """Return the setting of a sweep, None where a run refuses it, or some of its scenarios that can touch."""
+def plan_setting(spec: SweepSpec, touching: np.ndarray) -> Plan | None:
+    """Return the plan of a sweep, None where a run refuses it, or some of its scenarios that can touch."""
     try:
         plan = make_plan(spec)
     except SweepError:
         return None
-    if plan.refused[touching].any():
-        return None
-    kernels, accuracy = {law: plan.kernel(law) for law in laws}, plan.spec.accuracy or math.nan
-    return Setting(setting_label(plan.spec, plan.numerics), plan.numerics, accuracy, kernels, plan.steps)
+    return None if plan.refused[touching].any() else plan
 
 
 def fixed_settings(spec: SweepSpec, axes: Mapping[str, Sequence[Any]]) -> list[SweepSpec]:
@@ -206,15 +190,9 @@ class Trial(NamedTuple):
     plan: Plan  # of the sweep at the finest step
     sample: TradeSample
     table: Scenarios  # those that errors are measured on
-    settings: Sequence[Setting]
-    current: Setting | None  # the sweep's own, where a run accepts it
+    settings: Mapping[str, Plan]  # what is measured, by name: the sweep by a scheme at a step, or to an accuracy
+    current: str  # name of the sweep's own, "" where a run refuses it
     reference: Numerics  # those of the converged solution
-
-    def kernels(self) -> list[RowKernel]:
-        """Return all kernels that run."""
-        kernels = [kernel for setting in self.settings for kernel in setting.kernels.values()]
-        doubles = [kernel.in_double for kernel in kernels if kernel.accuracy is not None]
-        return [*fixed_setting(self.plan, self.table, self.reference).kernels.values(), *kernels, *doubles]
 
 
 def plan_trial(
@@ -233,19 +211,21 @@ def plan_trial(
     method = next(exact, "rk4")
     finer = REFINEMENT if SCHEMES[method].flies_exactly else 1.0  # than steps alone make it
     reference = replace(plan.numerics, method=method, dt=min(finest / REFINEMENT, stable), refinement=finer)
-    laws = [int(plan.unique.law[rows[0]]) for rows in sample.timed]
     chosen = (replace(one, method=None, locate=True, precision=None) for one in choices)
-    sweeps = spec, *chosen, *fixed_settings(spec, axes)
-    current, *others = (make_setting(one, sample.touching, laws) for one in sweeps)
-    settings = list({one.label: one for one in (*others, current) if one}.values())
+    current, *others = (plan_setting(one, sample.touching) for one in (spec, *chosen, *fixed_settings(spec, axes)))
+    settings = {setting_label(one.spec, one.numerics): one for one in (*others, current) if one}
     if not settings:
         raise InputError("a run refuses every setting that was to be measured; give smaller steps")
-    return Trial(spec, plan, sample, plan.unique[sample.rows], settings, current, reference)
+    name = setting_label(current.spec, current.numerics) if current else ""
+    return Trial(spec, plan, sample, plan.unique[sample.rows], settings, name, reference)
 
 
 def measure(trial: Trial, *, repeats: int, workers: int | None, progress: Progress) -> xr.Dataset:
     """Run the scenarios of a trial in every setting: errors and costs, not summed up yet."""
-    prepare_kernels(trial.kernels(), workers, progress)
+    laws, plans = np.unique(trial.table.law).tolist(), (at_step(trial.plan, trial.reference), *trial.settings.values())
+    kernels = [plan.kernel(law) for plan in plans for law in laws]
+    doubles = [kernel.in_double for kernel in kernels if kernel.accuracy is not None]
+    prepare_kernels([*kernels, *doubles], workers, progress)
     data = measure_errors(trial, progress) | measure_costs(trial, repeats, progress)
     return xr.Dataset(data, _coordinates(trial), _attributes(trial))
 
@@ -255,22 +235,21 @@ def measure_errors(trial: Trial, progress: Progress) -> dict[str, Any]:
     plan, table, settings, reference = trial.plan, trial.table, trial.settings, trial.reference
     outputs, n = comparable(plan.spec.outputs), len(table)
 
-    def run(part: Scenarios, setting: Setting, steps: np.ndarray) -> Values:
-        values = run_rows(plan, part, setting, steps, plan.spec.outputs)
+    def run(part: Scenarios, setting: Plan) -> Values:
+        values = run_rows(setting, part, setting.steps[trial.sample.rows], plan.spec.outputs)
         progress.advance(n)
         return values
 
     progress.stage("converged solution", 3 * n)
     fine, twice = (
-        fixed_setting(plan, table, replace(reference, dt=k * reference.dt, refinement=reference.refinement / k))
-        for k in (1.0, 2.0)
+        at_step(plan, replace(reference, dt=k * reference.dt, refinement=reference.refinement / k)) for k in (1.0, 2.0)
     )
     rounded = changed(table, np.finfo(float).eps)  # no step changes what flies exactly, only its rounding
-    converged = run(table, fine, fine.steps)
-    checked, moved = (run(part, twice, twice.steps) for part in (rounded, changed(table)))
+    converged = run(table, fine)
+    checked, moved = (run(part, twice) for part in (rounded, changed(table)))
     reference_error = _errors(outputs, checked, converged)
     progress.stage("comparisons", len(settings) * n)
-    ran = [run(table, setting, setting.steps[trial.sample.rows]) for setting in settings]
+    ran = [run(table, setting) for setting in settings.values()]
     errors = np.stack([_errors(outputs, values, converged) for values in ran], axis=-1)
     errors[np.isnan(reference_error)] = np.nan
     statuses = np.stack([values["status"] for values in ran], axis=-1).astype(np.int8)
@@ -287,10 +266,10 @@ def measure_costs(trial: Trial, repeats: int, progress: Progress) -> dict[str, A
     plan, (_, timed, touching), settings = trial.plan, trial.sample, trial.settings
     seconds = np.full((len(timed), len(settings), repeats), np.nan)
     progress.stage("costs", repeats * len(settings))
-    for repeat, (i, setting) in product(range(repeats), enumerate(settings)):
+    for repeat, (i, setting) in product(range(repeats), enumerate(settings.values())):
         for j, rows in enumerate(timed):
             started = time.thread_time()
-            run_rows(plan, plan.unique[rows], setting, setting.steps[rows], plan.spec.outputs)
+            run_rows(setting, plan.unique[rows], setting.steps[rows], plan.spec.outputs)
             seconds[j, i, repeat] = (time.thread_time() - started) / len(rows)
         progress.advance(1)
     of_laws = [touching & (plan.unique.law == plan.unique.law[rows[0]]) for rows in timed]
@@ -309,16 +288,17 @@ def _coordinates(trial: Trial) -> dict[str, Any]:
     rows, touching = trial.sample.rows, trial.sample.touching
     intervals = np.array([record.dt for record in spec.records])
     least = np.full((len(intervals), len(settings)), np.iinfo(np.int32).max)
-    for column, setting in zip(least.T, settings, strict=True):
+    for column, setting in zip(least.T, settings.values(), strict=True):
         np.minimum.at(column, plan.unique.record[touching], setting.steps[touching])
-    numbers = np.array([(one.numerics.locate, one.accuracy, one.numerics.dt) for one in settings]).T
+    numerics = [setting.numerics for setting in settings.values()]
+    accuracy = np.array([setting.spec.accuracy or math.nan for setting in settings.values()])
     return {
-        "setting": [one.label for one in settings],
-        "scheme": ("setting", [one.numerics.method for one in settings]),
-        "located": ("setting", numbers[0].astype(np.int8)),
-        "precision": ("setting", [one.numerics.precision for one in settings]),
-        "accuracy": ("setting", numbers[1]),
-        "step": ("setting", np.where(np.isnan(numbers[1]), numbers[2], np.nan)),
+        "setting": list(settings),
+        "scheme": ("setting", [one.method for one in numerics]),
+        "located": ("setting", np.array([one.locate for one in numerics], np.int8)),
+        "precision": ("setting", [one.precision for one in numerics]),
+        "accuracy": ("setting", accuracy),
+        "step": ("setting", np.where(np.isnan(accuracy), [one.dt for one in numerics], np.nan)),
         "time_step": (("record", "setting"), intervals[:, None] / least),
         "output": list(comparable(spec.outputs)),
         "status": [s.label for s in STATUS],
@@ -337,7 +317,7 @@ def _attributes(trial: Trial) -> dict[str, Any]:
     return {
         **global_attributes(f"Speed-accuracy trade: {spec.title or 'sweep of seismic pounding of adjacent buildings'}"),
         KIND_ATTRIBUTE: KIND,
-        "own_setting": trial.current.label if trial.current else "",
+        "own_setting": trial.current,
         "sample_scenarios": len(trial.sample.rows),
         "touching_scenarios": int(trial.sample.touching.sum()),
         "unique_scenarios": len(trial.plan.unique),

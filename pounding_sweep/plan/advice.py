@@ -329,16 +329,11 @@ class Demand:
 
         What yields, falls, jumps or is stepped by stages magnifies errors more than was measured.
         """
-        spec, (method, precision) = self.spec, scheme
-        numerics, scene = Numerics(method, 1.0, precision=precision), spec.scene
-        shapes = [kernel_shape(scene, law, numerics, ()) for law in self.laws]
-        steady = all(shape.stepless for shape in shapes) and not (any(scene.yields) or any(scene.falls) or scene.padded)
-        if (
-            self.accuracy < COARSEST
-            or precision != "float32"
-            or not steady
-            or any(LAWS.get(law.key) != law for law in self.laws)
-        ):
+        spec, scene, (method, precision) = self.spec, self.spec.scene, scheme
+        numerics = Numerics(method, 1.0, precision=precision)
+        steady = all(law in LAWS.values() and kernel_shape(scene, law, numerics, ()).stepless for law in self.laws)
+        steady &= not (scene.padded or any(scene.yields) or any(scene.falls))
+        if not steady or precision != "float32" or self.accuracy < COARSEST:
             return False
         least = ENOUGH * self.accuracy
         pairs = ((law.key, kind) for law in self.laws for kind in classes_of(spec.outputs))

@@ -71,7 +71,7 @@ LEAST_SHARING, LEAST_SHARING_ENERGIES = 32, 6
 #: Scenarios that must share a run without pounding for it to be run: it costs about what one of them does.
 LEAST_SHARED = 4
 #: Scenarios of a sample, at least in number and in share, and multiples of them from which on one is taken.
-LEAST_SAMPLE, SAMPLE_SHARE, LEAST_SAMPLED = 96, 0.03, 4
+LEAST_SAMPLE, SAMPLE_SHARE, LEAST_SAMPLED = 96, 0.03, 10
 #: Margin by which a gap must exceed the closing displacement to be left out.
 CLOSING_MARGIN = 1e-9
 
@@ -218,14 +218,16 @@ class Plan:
         most, seconds = CHUNK_BYTES // self.bytes_per_scenario, self.scenario_seconds
         return cut(table, rows, steps, flights, name=name, longest=CHUNK_SECONDS, most=most, seconds=seconds)
 
-    def scenario_seconds(self, record: int, steps: Any) -> Any:
-        """Estimated seconds of one scenario on one core, with `steps` (one number or an array) per record interval."""
-        total = (
-            (self.spec.records[record].n_points - 1 + self._rest_points(record))
-            * steps
-            * (1 if self.spec.accuracy is None or self.once else REFINED)
-        )
+    def scenario_seconds(self, record: int, steps: int) -> float:
+        """Estimated seconds of one scenario on one core, with `steps` per record interval."""
+        total = (self.spec.records[record].n_points - 1 + self._rest_points(record)) * steps
+        total *= 1 if self.spec.accuracy is None or self.once else REFINED
         return total * self.spec.scene.n_dof * self.numerics.scheme.step_cost * 1e-9
+
+    def seconds_of(self, rows: np.ndarray) -> np.ndarray:
+        """Estimated seconds of each of these rows of `unique` on one core."""
+        of_one = np.array([self.scenario_seconds(record, 1) for record in range(len(self.spec.records))])
+        return np.asarray(of_one[self.unique.record[rows]] * self.steps[rows])
 
     def _rest_points(self, record: int) -> float:
         """Estimated record intervals of the rest: until a motion as strong as the end of the record is a twentieth."""
@@ -259,10 +261,9 @@ class Plan:
         and None where the sweep gives scheme and step.
         """
         rows = np.flatnonzero(~self.refused)
-        seconds, most, least = 0.0, {}, {}
+        seconds, most, least = float(self.seconds_of(rows).sum()), {}, {}
         for index, record in enumerate(self.spec.records):
             steps = self.steps[~self.refused & (self.unique.record == index)]
-            seconds += float(self.scenario_seconds(index, steps).sum())
             steps = (record.n_points - 1) * (steps if len(steps) else self.uncoupled_steps[index])
             most[record.name], least[record.name] = int(steps.max()), int(steps.min())
         return {

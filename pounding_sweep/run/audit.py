@@ -11,6 +11,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,8 +23,7 @@ from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.audited import add_audit
 from pounding_sweep.output.dataset import Coordinates, CubeParts, unit_attributes
 from pounding_sweep.output.labels import listed_coordinates
-from pounding_sweep.plan.plan import CHUNK_BYTES
-from pounding_sweep.plan.scenarios import Chunk, ChunkTask, cut, row_codes
+from pounding_sweep.plan.scenarios import Chunk, ChunkTask, row_codes
 from pounding_sweep.run.execute import Dispatcher
 from pounding_sweep.run.refinement import MOST_HALVINGS, halved
 from pounding_sweep.schemes import SCHEMES
@@ -45,8 +45,6 @@ CONVERGED = 0.25
 LEAST_SECONDS, SHARE_OF_ALL = 2.0, 1.0 / 3.0
 #: Largest step (s) of exact flight that others are compared with.
 EXACT_STEP = 1e-3
-#: Estimated duration (s) of the longest chunk of the sample; the last ones are a quarter of it.
-LONGEST_CHUNK = 0.4
 
 
 @dataclass(frozen=True)
@@ -87,22 +85,13 @@ def candidates(plan: Plan, outcome: Outcome) -> np.ndarray:
     return np.flatnonzero(touched & ~outcome.left_out & np.isin(outcome.results.status, WITH_VALUES)).astype(np.int32)
 
 
-def seconds_of(plan: Plan, rows: np.ndarray) -> np.ndarray:
-    """Estimate the seconds that each of these scenarios took in the sweep, on one core."""
-    table = plan.unique[rows]
-    result = np.zeros(len(rows))
-    for record, count, part in table.by_step(plan.steps[rows]):
-        result[part] = plan.scenario_seconds(record, count)
-    return result
-
-
 def draw(plan: Plan, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Draw scenarios of an audit from `rows`: rising, which of them at random, and their cost over that of all."""
     if not len(rows) or plan.spec.audit <= 0.0:
         return rows[:0], np.zeros(0, bool), 0.0
     random, table = np.random.Generator(np.random.PCG64(int(plan.digest[:16], 16))), plan.unique[rows]
-    kinds = row_codes([column for column in (table.record, table.law, plan.steps[rows])])
-    cost = LANES * FINER * seconds_of(plan, rows)  # of a group of lanes
+    kinds = row_codes([table.record, table.law, plan.steps[rows]])
+    cost = LANES * FINER * plan.seconds_of(rows)  # of a group of lanes
     order = np.concatenate([*_representatives(plan, rows, random), random.permutation(len(rows))])
     _, first = np.unique(order, return_index=True)
     is_random = first >= len(order) - len(rows)
@@ -134,11 +123,10 @@ def _representatives(plan: Plan, rows: np.ndarray, random: np.random.Generator) 
 
 def exact_kernel(plan: Plan) -> Callable[[RowKernel], RowKernel] | None:
     """Return what makes of a kernel that of exact flight; None where the sweep ran by it, or the row refuses it."""
-    names = [name for name, scheme in SCHEMES.items() if scheme.flies_exactly]
-    able = [name for name in names if SCHEMES[name].refuses(plan.spec.scene) is None]
-    if plan.numerics.method in names or not able:
+    schemes = [s for s in SCHEMES.values() if s.flies_exactly and s.refuses(plan.spec.scene) is None]
+    if plan.numerics.scheme.flies_exactly or not schemes:
         return None
-    numerics = Numerics(able[0], min(EXACT_STEP, plan.numerics.dt), rest=plan.numerics.rest)
+    numerics = Numerics(schemes[0].name, min(EXACT_STEP, plan.numerics.dt), rest=plan.numerics.rest)
     return lambda kernel: replace(kernel, numerics=numerics)
 
 
@@ -148,7 +136,7 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher, check: bool = Fa
     if not outputs or not len(rows) or (not check and ("error_estimate" in plan.outputs or plan.spec.audit <= 0.0)):
         return None
     accuracy = plan.spec.accuracy
-    seconds, exact = seconds_of(plan, rows), exact_kernel(plan) if accuracy is None else None
+    seconds, exact = plan.seconds_of(rows), exact_kernel(plan) if accuracy is None else None
     tolerance = TOLERANCE if accuracy is None else accuracy
     sample, random, share, reference = *draw(plan, rows), "half the step"
     if exact is not None:
@@ -167,17 +155,17 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher, check: bool = Fa
         sample, random, share = rows, np.zeros(len(rows), bool), float(FINER)
         reference = reference if accuracy is None else f"runs to {CONVERGED:g} of the accuracy"
     is_exact = exact is not None and reference == kernels[0].numerics.method
-    compared = _Comparison(plan, outcome, dispatcher, outputs, exact if is_exact else None)
+    compared = partial(compare, plan, outcome, dispatcher, outputs, exact if is_exact else None)
     dispatcher.progress.stage("audit", len(sample))
     status, undecided = outcome.results.status[sample], np.zeros(len(sample), bool)
     try:
-        error, _ = compared.run(sample, None if accuracy is None else CONVERGED * accuracy)
+        error, _ = compared(sample, None if accuracy is None else CONVERGED * accuracy)
         again = np.flatnonzero((status == Status.OK) & (error.max(axis=1) > tolerance))
         # what no step settles takes the most of them: so many scenarios are followed as take no longer than the audit
         longest = 2.0 ** (MOST_HALVINGS + 1) * float(seconds.mean())
         again = again[: max(LANES, int(max(LEAST_SECONDS, share * seconds.sum()) / longest))]
         if len(again):
-            error[again], ended = compared.run(sample[again], accuracy=CONVERGED * tolerance)
+            error[again], ended = compared(sample[again], CONVERGED * tolerance)
             undecided[again] = ended != Status.OK
     except RunError as failure:
         warnings.warn(
@@ -193,47 +181,36 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher, check: bool = Fa
     return result
 
 
-@dataclass(frozen=True)
-class _Comparison:
-    """What scenarios are compared by."""
+def compare(
+    plan: Plan,
+    outcome: Outcome,
+    dispatcher: Dispatcher,
+    outputs: tuple[str, ...],
+    exact: Callable[[RowKernel], RowKernel] | None,
+    rows: np.ndarray,
+    accuracy: float | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return errors (n, outputs) beside more exact runs, and how these ended.
 
-    plan: Plan
-    outcome: Outcome
-    dispatcher: Dispatcher
-    outputs: tuple[str, ...]
-    exact: Callable[[RowKernel], RowKernel] | None  # else half the step, in double precision
+    They are by `exact`, else at half the step in double precision; with an `accuracy` they are refined to it.
+    """
 
-    def run(self, rows: np.ndarray, accuracy: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return errors (n, outputs) beside a more exact run, or one to an accuracy, and how that one ended."""
-        plan, table, steps = self.plan, self.plan.unique[rows], self.plan.steps[rows]
-        chunks = cut(
-            table,
-            np.arange(len(rows)),
-            steps,
-            np.zeros(len(rows), np.int16),
-            name=f"audit:{plan.digest}:{accuracy}",
-            longest=LONGEST_CHUNK,
-            most=CHUNK_BYTES // plan.bytes_per_scenario,
-            seconds=lambda record, count: plan.scenario_seconds(record, FINER * count),
-        )
+    def task_of(chunk: Chunk) -> ChunkTask:
+        record, scenarios = plan.spec.records[chunk.record], plan.unique[chunk.rows]
+        kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)
+        kernel = replace(halved(kernel, record).in_double if exact is None else exact(kernel), accuracy=accuracy)
+        return ChunkTask(kernel, record, scenarios, plan.variants[scenarios.variant], outputs)
 
-        def task_of(chunk: Chunk) -> ChunkTask:
-            record, scenarios = plan.spec.records[chunk.record], table[chunk.rows]
-            kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)
-            kernel = halved(kernel, record).in_double if self.exact is None else self.exact(kernel)
-            kernel = replace(kernel, accuracy=accuracy)
-            return ChunkTask(kernel, record, scenarios, plan.variants[scenarios.variant], self.outputs)
-
-        error, status = np.zeros((len(rows), len(self.outputs))), np.zeros(len(rows), np.int8)
-        for chunk, fine in self.dispatcher.run(chunks, task_of):
-            if isinstance(fine, str):
-                raise RunError(fine)
-            swept = self.outcome.results.gather(rows[chunk.rows])
-            reference = {name: fine[name] for name in fine.dtype.names or ()}
-            error[chunk.rows] = np.stack([*relative_errors(self.outputs, swept, reference).values()], axis=1)
-            status[chunk.rows] = reference["status"]
-            self.dispatcher.progress.advance(len(chunk.rows))
-        return error, status
+    error, status = np.zeros((len(rows), len(outputs))), np.zeros(len(rows), np.int8)
+    for chunk, fine in dispatcher.run(plan.chunks(rows), task_of):
+        if isinstance(fine, str):
+            raise RunError(fine)
+        swept, places = outcome.results.gather(chunk.rows), np.searchsorted(rows, chunk.rows)
+        reference = {name: fine[name] for name in fine.dtype.names or ()}
+        error[places] = np.stack([*relative_errors(outputs, swept, reference).values()], axis=1)
+        status[places] = reference["status"]
+        dispatcher.progress.advance(len(places))
+    return error, status
 
 
 def add_to_cube(cube: CubeParts, plan: Plan, result: Audit) -> None:

@@ -35,9 +35,5 @@ def measured_seconds(plan: Plan) -> float | None:
         started = time.perf_counter()
         run_scenarios(task)
         seconds = (time.perf_counter() - started) / len(group)
-        estimated = sum(
-            float(plan.scenario_seconds(r, count)) * len(part)
-            for r, count, part in table[of_law].by_step(plan.steps[of_law])
-        )
-        total += estimated * seconds / float(plan.scenario_seconds(record, steps))
+        total += float(plan.seconds_of(of_law).sum()) * seconds / plan.scenario_seconds(record, steps)
     return total
