@@ -36,7 +36,7 @@ MUTANTS = (
         "test_refinement.py",
     ),
     # scenarios beyond the stability limit are run
-    ("plan/plan.py", "/ steps > limit", "/ steps > 2.0 * limit", "test_plan.py"),
+    ("plan/plan.py", "/ choice.steps > limit", "/ choice.steps > 2.0 * limit", "test_plan.py"),
     # a damaged chunk is read
     ("resume.py", "if checksum != written:", "if False:", "test_store.py"),
     # shears are of the neighbour's stiffness

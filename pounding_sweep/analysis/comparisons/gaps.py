@@ -354,7 +354,7 @@ def gap_rows(result: xr.Dataset) -> list[Row]:
     stems = [stem for stem in tables if stem in result]
     others = [str(dim) for dim in result[stems[0]].dims if dim not in ("pair", "intensity", "probability")]
     first = ("given", *others, "pair", "probability", *(["rate"] if "rate" in result else []), "gap")
-    about = {"units": result["gap"].attrs["units"], "over": over_text({"record": int(result.attrs["suite"])})}
+    about = {"units": result[stems[0]].attrs["units"], "over": over_text({"record": int(result.attrs["suite"])})}
     rows: list[Row] = []
     for stem in stems:
         names = {f"{stem}{end}": f"{stem.partition('_')[0]}{end}" for end in _ENDS}
