@@ -168,7 +168,7 @@ def test_histories_are_run_finer_until_they_show_a_contact(monkeypatch):
         ({"gaps": 1.0}, "did you mean 'gap'"),
         ({"period_factor_c": 1.0}, "did you mean 'period_factor_b'"),
         ({"mass_factor_a": -1.0}, "-1.0 won't do; it must be a factor on masses, at least 0.001 and at most 1000"),
-        ({"damping_ratio": 1.5}, "1.5 won't do; it must be a damping ratio"),
+        ({"damping_ratio": 1.5}, "damping_ratio: 1.5 won't do"),
     ],
 )
 def test_choices_are_checked(asked, choice, text):

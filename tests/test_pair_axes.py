@@ -19,7 +19,7 @@ from pounding_sweep.request.axes import Case
 from pounding_sweep.request.spec import digest
 from pounding_sweep.run.simulate import scenario_of, selectors, simulate_one
 
-pytestmark = pytest.mark.usefixtures("stub_module")
+pytestmark = pytest.mark.usefixtures("stub_by_day")
 
 GAPS, OF_PAIR = [0.002, 0.02], [0.001, 0.004, 0.5]
 SETTINGS = {"method": "rk4", "dt": 0.005, "outputs": OUTPUTS, "audit": 0.0, "laws": ["none", "kelvin_voigt"]}
@@ -49,7 +49,7 @@ def test_each_scenario_is_that_of_the_row_with_its_gaps(cube):
         for name in OUTPUTS:
             np.testing.assert_array_equal(part[name], expected[name], err_msg=name)
         peaks.append(float(part["impact_force_max"].sel(pair="b-c").max()))
-    assert len({*peaks}) == 3
+    assert len({*peaks}) >= 3
 
 
 def test_what_differs_is_run_once():
@@ -147,3 +147,89 @@ def test_faults_name_the_pair():
     padded = ps.Scene(row().row, [0.05, 0.05], row().contact, bumpers=[ps.Bumper("b-c", "linear", 1e4, thickness=0.01)])
     with pytest.raises(SweepError, match=r"pair_gaps: a gap of 0\.001 m has no room"):
         sweep(padded, gaps=None)
+
+
+CONTACTS = {"pair": {"a-b": {"stiffness_factor": [1.0, 2.0]}, "b-c": {"restitution": [0.3, 0.5]}}}
+
+
+def of_contacts(**changes):
+    """A sweep over contact stiffness and restitution of one pair each, those of all pairs varied too."""
+    axes = {"stiffness_factors": [1.0, 0.5], "restitutions": [0.5, 0.7], "gaps": [0.002], "pair_gaps": None}
+    laws = ["none", "linear", "kelvin_voigt", "stereomechanical"]
+    return sweep(**{"laws": laws, **axes, **CONTACTS, **changes})
+
+
+def test_contacts_of_pairs_differ():
+    job = of_contacts()
+    cube, table = job.run(workers=1), job.plan().unique
+    # no pounding once, linear by stiffness, Kelvin and Voigt by both, stereomechanical by restitution
+    assert len(table) == 1 + 4 + 4 * 4 + 4
+    assert cube["contact_stiffness"].dims == ("law", "stiffness_factor", "stiffness_factor_a_b", "pair")
+    part = cube.sel(stiffness_factor=0.5, stiffness_factor_a_b=2.0, restitution=0.7, restitution_b_c=0.3)
+    np.testing.assert_array_equal(part["contact_stiffness"].sel(law="linear"), [2e5, 1e5])
+    np.testing.assert_array_equal(part["pair_restitution"], [0.7, 0.3])
+    assert {(0.7, 0.3), (0.5, 0.5)} < {tuple(row) for row in table.restitution.tolist()}
+    plain = of_contacts(pair=None)
+    same = {"stiffness_factor_a_b": 1.0, "restitution_b_c": 0.5, "restitution": 0.5}
+    expected = plain.run(workers=1).sel(restitution=0.5)
+    for name in OUTPUTS:
+        np.testing.assert_array_equal(cube[name].sel(same), expected[name], err_msg=name)
+    touching = cube["impact_force_max"].sel(law="kelvin_voigt", stiffness_factor=1.0, restitution=0.5, drop=True)
+    assert len(np.unique(touching.sel(pair="a-b"))) > 1
+
+
+def test_contacts_of_pairs_are_found_again(tmp_path):
+    whole = of_contacts()
+    expected = whole.run(tmp_path / "whole.nc", workers=1)
+    of_contacts(pair=None).run(tmp_path / "plain.nc", workers=1).close()
+    with of_contacts().run(tmp_path / "new.nc", extend=tmp_path / "plain.nc", workers=1) as found:
+        assert json.loads(found.attrs["extended_from"])["scenarios_taken"] > 4
+        for name in OUTPUTS:
+            np.testing.assert_array_equal(found[name], expected[name], err_msg=name)
+    more = {"a-b": {"stiffness_factor": [3.0]}, "b-c": {"restitution": [0.3, 0.5]}}
+    of_contacts(pair=more).run(tmp_path / "more.nc", workers=1).close()
+    merge_cubes([tmp_path / "whole.nc", tmp_path / "more.nc"], tmp_path / "both.nc")
+    with xr.open_dataset(tmp_path / "both.nc") as both:
+        assert both["stiffness_factor_a_b"].values.tolist() == [1.0, 2.0, 3.0]
+        assert int((both["status"] == 0).sum()) == both["status"].size
+    assert digest(whole.spec) != digest(of_contacts(pair=None).spec)
+    expected.close()
+
+
+def test_one_scenario_and_cases_have_contacts_of_pairs():
+    case = {
+        "law": "kelvin_voigt",
+        "stiffness_factor": 0.5,
+        "pair": {"a-b": {"stiffness_factor": 2.0, "restitution": 0.3}},
+    }
+    other = {"law": "kelvin_voigt", "restitution": 0.6}
+    listed = sweep(laws=None, gaps=None, pair_gaps=None, cases=[case, other]).run(workers=1)
+    np.testing.assert_array_equal(listed["contact_stiffness"], [[2e5, 1e5], [2e5, 2e5]])
+    np.testing.assert_array_equal(listed["pair_restitution"], [[0.3, 0.5], [0.6, 0.6]])
+    spec = of_contacts().spec
+    one = simulate_one(spec, law="kelvin_voigt", stiffness_factor_a_b=4.0)
+    expected = ps.simulate(
+        row((0.002, 0.002)), motions()[0], law="kelvin_voigt", restitution=0.5, method="rk4", dt=0.005,
+        pair_stiffness_factors={"a-b": 4.0}, pair_restitutions={"b-c": 0.3},
+    )  # fmt: skip
+    np.testing.assert_array_equal(one["impact_force_max"], expected["impact_force_max"])
+    assert one.attrs["scenario"].startswith("stiffness factor 1; restitution 0.5; stiffness factor of a-b 4")
+    with pytest.raises(SweepError, match=r"restitution 0\.0 is outside the validity of law 'modified_kelvin_voigt'"):
+        sweep(laws=["modified_kelvin_voigt"], restitutions=[0.5], pair={"b-c": {"restitution": [0.0]}})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["exact", "rk4", "newmark", "central_difference"])
+@pytest.mark.parametrize("law", ["kelvin_voigt", "hertz_damped", "stereomechanical"])
+def test_kernels_have_contacts_of_pairs(method, law):
+    """A pair whose neighbours are out of reach is what the whole row is, with its stiffness and restitution."""
+    settings = {"law": law, "method": method, "dt": 0.002, "rest": 0.0}
+    if method == "central_difference" and law == "stereomechanical":
+        settings["dt"] = 0.001
+    pairs = {"pair_stiffness_factors": {"a-b": 3.0}, "pair_restitutions": {"a-b": 0.4}}
+    found = ps.simulate(row((0.004, 5.0)), motions()[0], restitution=0.8, **pairs, **settings)
+    k = None if law == "stereomechanical" else 3.0 * {"kelvin_voigt": 2e5, "hertz_damped": 1e6}[law]
+    expected = ps.simulate(row((0.004, 5.0)), motions()[0], restitution=0.4, stiffness=k, **settings)
+    assert float(expected["impact_count"].max()) > 0
+    for name in ("impact_force_max", "displacement_max", "acceleration_max", "impulse", "contact_work"):
+        np.testing.assert_allclose(found[name], expected[name], rtol=1e-9, atol=1e-12, err_msg=name)

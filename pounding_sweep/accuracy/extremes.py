@@ -142,11 +142,7 @@ def yielding_pair(
     strength: float, hardening: float, damping_stiffness: str = "initial", bouc_wen: BoucWen | None = None
 ) -> Scene:
     """Return `pair`, whose left building yields at that strength (m/s2), and the right one at 1 m/s2."""
-    settings: dict[str, Any] = {
-        "hardening": hardening,
-        "damping_stiffness": damping_stiffness,
-        "bouc_wen": bouc_wen,
-    }
+    settings: dict[str, Any] = {"hardening": hardening, "damping_stiffness": damping_stiffness, "bouc_wen": bouc_wen}
     buildings = []
     for building, acceleration in zip(pair().buildings, (strength, 1.0), strict=True):
         above = np.cumsum(building.masses[::-1])[::-1]

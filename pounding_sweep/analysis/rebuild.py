@@ -172,8 +172,8 @@ def _runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> tuple[Scene, 
         axes: dict[str, Any] = {"cases": list(dict.fromkeys(cases))}
     else:
         varied = axes_of(sweep)
-        axes = {key: getattr(varied, key) for key, axis in AXES.items() if axis.of_buildings or axis.column == "scale"}
-        axes = {key: dict(value) if AXES[key].by else value for key, value in axes.items() if value}
+        chosen = [key for key, axis in AXES.items() if axis.of_buildings or axis.column == "scale"]
+        axes = {key: value for key in chosen if (value := getattr(varied, key))}
     return _run(scene, motions, sa_period=sweep.get("sa_period"), **axes)
 
 

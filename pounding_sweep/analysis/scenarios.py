@@ -12,7 +12,7 @@ from pounding_sweep.base.errors import InputError, check_choice, repr_short
 from pounding_sweep.base.text import read_share
 from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.output.scenario_rows import scenario_keys
-from pounding_sweep.request.axes import BUILDING_DEFAULTS, DIMENSIONS, PREFIXES
+from pounding_sweep.request.axes import BUILDING_DEFAULTS, DIMENSIONS
 from pounding_sweep.variables.registry import INNER_DIMS, VALID, VARIABLES, Status
 
 #: Key of the law without contact.
@@ -21,6 +21,8 @@ NO_POUNDING = "none"
 COMPARISON = "comparison"
 #: Axes that a run without pounding ignores.
 IGNORED = tuple(dim for column in ("gap", "stiffness", "restitution") for dim in DIMENSIONS[column])
+#: The same, and those by pair, begin so.
+_IGNORED = tuple(f"{dim}_" for dim in IGNORED)
 #: What tells listed cases apart that a run without pounding does not ignore.
 _CASE_KEYS = ("record", "scale", *BUILDING_DEFAULTS)
 #: What is below this share of the largest of its kind is rounding, and no divisor of a ratio.
@@ -41,7 +43,7 @@ def scenario_dims(cube: xr.Dataset | xr.DataArray) -> tuple[str, ...]:
 
 def ignored_dims(part: xr.Dataset | xr.DataArray) -> list[str]:
     """Return the dimensions that a run without pounding ignores."""
-    return [str(dim) for dim in part.dims if dim in IGNORED or str(dim).startswith(PREFIXES["pair"])]
+    return [str(dim) for dim in part.dims if f"{dim}_".startswith(_IGNORED)]
 
 
 def trusted(cube: xr.Dataset) -> xr.DataArray:

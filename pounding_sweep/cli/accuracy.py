@@ -337,8 +337,7 @@ def _rows(table: xr.Dataset) -> list[dict[str, Any]]:
 
 @command("doctor")
 def doctor_command(
-    no_check: bool = flag("--no-check", "Only look; run no scenarios."),
-    as_json: AsJson = False,
+    no_check: bool = flag("--no-check", "Only look; run no scenarios."), as_json: AsJson = False
 ) -> None:
     """Show versions, processor, kernel cache, problems, and run a few scenarios whose results are known."""
     from pounding_sweep.accuracy.self_check import self_check

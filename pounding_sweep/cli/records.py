@@ -45,8 +45,7 @@ _COLUMNS: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
 _LISTED, _ALIKE = 20, 4
 
 Column = Annotated[
-    str | None,
-    option("COLUMN", "Heading or number of the component, for files that have several.", default=...),
+    str | None, option("COLUMN", "Heading or number of the component, for files that have several.", default=...)
 ]
 
 records_app = typer.Typer(rich_markup_mode=None)

@@ -248,9 +248,7 @@ def _print_run(report: dict[str, Any], check: bool) -> None:
 
 @command("simulate")
 def simulate_command(
-    options: ScenarioOptions,
-    out: Path = output("ONE.nc", "netCDF file.", default=...),
-    overwrite: Overwrite = False,
+    options: ScenarioOptions, out: Path = output("ONE.nc", "netCDF file.", default=...), overwrite: Overwrite = False
 ) -> None:
     """Run one scenario of a sweep or a cube, the middle one by default, and write its histories."""
     from pounding_sweep.output.netcdf import check_output, write_cube

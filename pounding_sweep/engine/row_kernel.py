@@ -89,6 +89,7 @@ def kernel_shape(
     history: bool = False,
     varied: bool = False,
     windows: bool = True,
+    by_pair: bool = False,
 ) -> KernelSpec:
     """Return what the kernel of a scene under a law is compiled for; no contact code where none can touch."""
     touching, yields, buildings = law.has_contact and bool(scene.contacts), scene.yields, scene.buildings
@@ -137,6 +138,7 @@ def kernel_shape(
         dense=tuple(b.letters for b in buildings) if any(b.letters for b in buildings) else (),
         bumpers=bumpers,
         bumped=tuple(1 + bumpers.index(law) if law else 0 for law in of_contacts) if bumpers else (),
+        stiffness_per_contact=bool(bumpers or any(c.struck >= 0 for c in contacts) or (by_pair and touching)),
     )
 
 
@@ -227,13 +229,16 @@ class RowKernel:
     varied: bool = False  # building properties differ from scenario to scenario
     #: exact flight leaves out windows of the record: worth it where several scenarios share a row of buildings
     windows: bool = True
+    by_pair: bool = False  # pairs have contact stiffnesses of their own
     accuracy: float | None = None  # relative error that each scenario is refined to, from this step on
 
     @cached_property
     def shape(self) -> KernelSpec:
         """What the kernel is compiled for."""
         law = self.host or self.law
-        return kernel_shape(self.scene, law, self.numerics, self.reducers, self.history, self.varied, self.windows)
+        return kernel_shape(
+            self.scene, law, self.numerics, self.reducers, self.history, self.varied, self.windows, self.by_pair
+        )
 
     @property
     def in_double(self) -> RowKernel:
@@ -330,11 +335,10 @@ class RowKernel:
         raw = {name: by_slot[i : i + outputs.count[name]].T for name, i in outputs.first.items()}
         # what status and first touch ask of the scenario beside its results
         raw["scale"] = brought[0][:, None]
-        places = [contact.pair for contact in self.scene.contacts]
-        raw["gap"] = brought[1][:, places] - self.scene.thicknesses(self.law.thickness)
+        raw["gap"] = self.scene.of_contacts(brought[1]) - self.scene.thicknesses(self.law.thickness)
         if shape.law is not None:  # factors by which damping shortens contacts, of each law of the kernel
             raw["quickening"] = quickening = np.ones((n, len(shape.laws)))
-            quickening[:, 0] = self.law.quickening(brought[3], self.basis)
+            quickening[:, 0] = self.law.quickening(brought[3].reshape(n, -1), self.basis).max(axis=1)
             for which, bumper in zip(shape.bumped, self.scene.bumper_of, strict=False):
                 if bumper:
                     quickening[:, which] = np.maximum(quickening[:, which], bumper.quickening(self.basis))
@@ -344,7 +348,7 @@ class RowKernel:
         """Return the gaps (m) that are left beside bumpers, of pairs or, where there are any, of contacts."""
         thickness: Any = self.law.thickness
         if self.shape.bumped:
-            gaps = gaps[:, [contact.pair for contact in self.scene.contacts]]
+            gaps = self.scene.of_contacts(gaps)
             thickness = self.scene.thicknesses(thickness)
         return gaps - thickness
 
@@ -386,7 +390,8 @@ class RowKernel:
             values["gap"] = self._clearances(gaps).T
         if shape.law is not None:
             k = row.contact_stiffnesses(stiffness).T if shape.stiffness_per_contact else stiffness[None, :]
-            c = self.law.damping_coefficient(restitution, k, row.contact_masses.T, self.basis)
+            e = restitution if restitution.ndim == 1 else self.scene.of_contacts(restitution).T
+            c = self.law.damping_coefficient(e, k, row.contact_masses.T, self.basis)
             for j, bumper in enumerate(self.scene.bumper_of if shape.bumped else ()):
                 if bumper:
                     k[j], c[j] = bumper.stiffness, bumper.damping_coefficient(row.contact_masses[:, j], self.basis)

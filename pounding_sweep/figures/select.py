@@ -16,7 +16,7 @@ from pounding_sweep.base.errors import InputError, check_choice, unknown
 from pounding_sweep.figures.style import join_nonempty, unit_text
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.records import NAMED_RECORDS
-from pounding_sweep.request.axes import DIMENSIONS, PREFIXES
+from pounding_sweep.request.axes import AXES, DIMENSIONS
 from pounding_sweep.variables.registry import INNER_DIMS, VARIABLES
 
 #: Lines in a panel at most.
@@ -30,7 +30,7 @@ RESPONSES = (
 _PERCENT = {VARIABLES[name].long_name for name in ("drift_ratio_max", "roof_drift_ratio_max")}
 #: Names of axes in titles, and beginnings of those that are there for each building.
 _AXES = {*INNER_DIMS, "law", "record", "case", *(dim for dims in DIMENSIONS.values() for dim in dims)}
-_BY_NAME = tuple(prefix for prefixes in PREFIXES.values() for prefix in prefixes)
+_BY_NAME = tuple(f"{axis.dimension}_" for axis in AXES.values() if axis.by)
 #: Axes against which a comparison is drawn, the first of those that vary; then building properties.
 _DRAWN_ALONG = ("gap", "stiffness_factor", "stiffness", *DIMENSIONS["scale"], "restitution")
 #: Characters in a line of an axis label; values of an axis up to which each has a tick of its own; largest over

@@ -188,16 +188,12 @@ class KernelSpec:
     dense: tuple[str, ...] = ()
     bumpers: tuple[LawShape, ...] = ()  # laws of bumpers
     bumped: tuple[int, ...] = ()  # which of `laws` each contact has; () where all have the first
+    stiffness_per_contact: bool = False  # each contact has a stiffness of its own
 
     @property
     def laws(self) -> tuple[LawShape, ...]:
         """Laws of the contacts."""
         return () if self.law is None else (self.law, *self.bumpers)
-
-    @property
-    def stiffness_per_contact(self) -> bool:
-        """Whether each contact has a stiffness of its own."""
-        return bool(self.struck or self.bumped)
 
     only_flight: bool = False  # it is no kernel but the flight of kernels under all laws, which they call
 

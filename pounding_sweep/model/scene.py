@@ -247,10 +247,7 @@ def _kind_of(item: Any) -> str:
 
 _Item = Annotated[Annotated[Building, Tag("|building")] | Annotated[Wall, Tag("|wall")], Discriminator(_kind_of)]
 #: Storeys by the names of pairs; JSON has them as a list of pairs.
-_Limits = Annotated[
-    dict[str, Annotated[Sequence[Integer], Listed, Field(min_length=1)]],
-    BeforeValidator(as_mapping),
-]
+_Limits = Annotated[dict[str, Annotated[Sequence[Integer], Listed, Field(min_length=1)]], BeforeValidator(as_mapping)]
 
 
 @checked
@@ -486,6 +483,11 @@ class Scene:
                 ends = self._starts[pair] + s - 1, self._starts[pair + 1] + t - 1
                 links.append(LinkedFloors(pair, s, *ends, link.stiffness, link.damping, place))
         return tuple(links)
+
+    def of_contacts(self, values: Any) -> np.ndarray:
+        """Return values of shape (n,), or of pairs, (n, pairs), for each contact, (n, contacts)."""
+        values, pairs = np.asarray(values, float), [contact.pair for contact in self.contacts]
+        return values[:, pairs] if values.ndim > 1 else np.repeat(values[:, None], len(pairs), axis=1)
 
     def thicknesses(self, others: Any = 0.0) -> np.ndarray:
         """Return the thickness (m) at each contact, of its bumper or what all `others` have, shape (..., contacts)."""

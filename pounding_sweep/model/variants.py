@@ -290,10 +290,10 @@ class Variants:
         return np.array(masses).T.reshape(len(self), len(contacts))
 
     def contact_stiffnesses(self, stiffness: np.ndarray) -> np.ndarray:
-        """Stiffness of each contact (kN/m**exponent), shape (n, contacts): its own, in series with struck columns."""
+        """Stiffness of each contact (kN/m**exponent), shape (n, contacts): in series with struck columns."""
         scene = self.scene
         columns = self._column_stiffnesses
-        result = np.repeat(np.asarray(stiffness, float)[:, None], len(scene.contacts), axis=1)
+        result = scene.of_contacts(stiffness)
         for j, contact in enumerate(scene.contacts):
             if contact.struck >= 0:
                 k = columns[:, (contact.left, contact.right)[contact.struck]]

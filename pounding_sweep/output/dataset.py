@@ -17,12 +17,7 @@ import numpy as np
 
 from pounding_sweep.model.laws import LAWS, Law
 from pounding_sweep.model.scene import Scene
-from pounding_sweep.variables.registry import (
-    VARIABLES,
-    mask_invalid,
-    scatter_contact,
-    scatter_dof,
-)
+from pounding_sweep.variables.registry import VARIABLES, mask_invalid, scatter_contact, scatter_dof
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -392,12 +392,7 @@ def export_cube(
     return target
 
 
-def export_tables(
-    cube: xr.Dataset,
-    path: FilePath,
-    names: Sequence[str] = (),
-    **options: Any,
-) -> list[Path]:
+def export_tables(cube: xr.Dataset, path: FilePath, names: Sequence[str] = (), **options: Any) -> list[Path]:
     """Write a table as `export_cube` does, or one for each set of dimensions that the variables have.
 
     The dimensions are added to the name of the file if there are several tables; returns the files.
@@ -412,12 +407,7 @@ def export_tables(
 
 
 def _table(
-    cube: xr.Dataset,
-    path: FilePath,
-    names: Sequence[str],
-    by_scenario: bool,
-    constants: bool,
-    status: Collection[str],
+    cube: xr.Dataset, path: FilePath, names: Sequence[str], by_scenario: bool, constants: bool, status: Collection[str]
 ) -> Table:
     """Return the table of a cube, or of one scenario with its histories; its size is said if it is large."""
     names = [*names, "status"] if names and status else names

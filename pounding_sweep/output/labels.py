@@ -41,8 +41,9 @@ if TYPE_CHECKING:
 _AXES = {axis.dimension: axis for axis in AXES.values() if axis.by != "pair"}
 _TEXTS = {"law": "contact law", "record": "ground-motion record"}
 _REALISED = (
+    "realised coefficient of restitution",
     "restitution of two free masses under the damping that the sweep used (see restitution_basis); 1 for laws without "
-    "damping, missing without contact"
+    "damping, missing without contact",
 )
 #: Kind of axis -> name, symbol, value as given, unit and long name of what it multiplies.
 _MULTIPLIES: dict[str, tuple[str, str, Callable[[Building], float], str, str]] = {
@@ -97,8 +98,11 @@ def listed_coordinates(plan: Plan, rows: np.ndarray, dimension: str, prefix: str
         "scale": coordinate(dims, table.scale, "1", "factor on the record"),
         "stiffness": coordinate(dims, table.stiffness, "", "contact stiffness (kN/m**exponent of the law)"),
         "restitution": coordinate(dims, table.restitution, "1", restitution),
-        "gap": coordinate((*dims, "pair"), table.gaps[:, spec.scene.pair_of_label], "m", "gap of the pair"),
+        "gap": coordinate(dims, table.gaps, "m", "gap of the pair"),
     }
+    for name, (_, column, about) in result.items():
+        if column.ndim > 1:
+            result[name] = ((*dims, "pair"), column[:, spec.scene.pair_of_label], about)
     if len(plan.variants) > 1:
         result |= row_coordinates(plan.variants[table.variant], dimension)
     return {
@@ -148,14 +152,18 @@ def scenario_axes(plan: Plan) -> tuple[Coordinates, Coordinates]:
     cases, laws = spec.cases or (), [spec.law(key) for key in spec.laws]
     axes, values = _axes(plan), requested.values
     (stiffness, _), (scale, _) = spec.needed_axis("stiffness"), spec.needed_axis("scale")
-    restitution = np.array([case.restitution for case in cases], float) if cases else values["restitution"]
+    restitution = (
+        np.array([case.restitution for case in cases], float)
+        if cases
+        else values.get("row_restitution", values["restitution"])
+    )
     law, nominal = np.broadcast_arrays(requested.law, restitution)
     realised = np.empty(law.shape)
     for i, item in enumerate(laws):
         realised[law == i] = realised_restitution(item, nominal[law == i], spec.restitution_basis)
     touches = np.array([item.exponent is not None for item in laws])[requested.law]
     names = np.array([record.name for record in spec.records])
-    contact = np.where(touches, values["stiffness"], np.nan)
+    contact = np.where(touches.T, values["stiffness"].T, np.nan).T
     units_of_contact = "kN/m for force ~ d, kN/m^1.5 for force ~ d^1.5"
     # the dimensions that values of the scenarios depend on, these values, units, long name and comment
     columns: dict[str, tuple[Any, ...]] = {
@@ -164,25 +172,27 @@ def scenario_axes(plan: Plan) -> tuple[Coordinates, Coordinates]:
         "scale": (("record", scale.dimension), values["scale"], "1", "factor on the record"),
         "restitution": (("restitution",), nominal, "1", "nominal coefficient of restitution"),
         "contact_stiffness": (("law", stiffness.dimension), contact, "", "contact stiffness", units_of_contact),
-        "restitution_realised": (
-            *(("law", "restitution"), realised, "1"),
-            *("realised coefficient of restitution", _REALISED),
-        ),
+        "restitution_realised": (("law", "restitution"), realised, "1", *_REALISED),
     }
     for axis in (axis for axis in AXES.values() if axis.listed):
         listed = [getattr(case, axis.dimension) for case in cases]
         if any(value is not None for value in listed):
             columns[axis.dimension] = ((), np.array(listed, float), axis.unit, axis.long_name, axis.comment)
     if spec.scene.pair_names:
-        gaps = np.broadcast_to(values["gap"], (*values["gap"].shape[:-1], len(spec.scene.pair_names)))
-        dims = ("gap", *(axis.dimension for axis in spec.named_axes("pair")), "pair")
-        columns["pair_gap"] = (dims, gaps[..., spec.scene.pair_of_label], "m", "gap of the pair")
+        columns["pair_gap"] = ("gap",), values["gap"], "m", "gap of the pair"
+    if "row_restitution" in values:
+        columns["pair_restitution"] = ("restitution",), values["restitution"], "1", "restitution of the pair"
     extra, outer, n = design_coordinates(spec) if spec.design else {}, tuple(axes), len(requested.shape)
+    for name, (dims, column, *about) in [*columns.items()]:
+        if column.ndim > n:
+            grid = np.broadcast_to(column, (*column.shape[:-1], len(spec.scene.pair_names)))
+            by_pair = [axis.dimension for axis in spec.named_axes("pair") if axis.kind == name.partition("_")[2]]
+            columns[name] = (*dims, *by_pair, "pair"), grid[..., spec.scene.pair_of_label], *about
     for name, (dims, column, *about) in columns.items():
         grid = np.broadcast_to(column, (*requested.shape, *column.shape[n:]))
         if cases:
             extra[name] = coordinate(("case", *(dim for dim in dims if dim == "pair")), grid, *about)
-        elif name not in outer and (name != "contact_stiffness" or "stiffness" not in outer):
+        elif name not in outer and (name != "contact_stiffness" or "stiffness" not in outer or "pair" in dims):
             at = tuple(slice(None) if i < len(outer) and outer[i] in dims else 0 for i in range(n))
             extra[name] = coordinate(dims, grid[at], *about)
     if spec.user_laws:
@@ -210,24 +220,18 @@ def _axes(plan: Plan) -> Coordinates:
         return {"case": coordinate(("case",), np.arange(1, len(spec.cases) + 1), "1", "listed scenario")}
     result: Coordinates = {}
     named = {axis.dimension: axis for axis in spec.named_axes("building", "pair")}
-    others = [
-        gap
-        for name, gap in zip(spec.scene.pair_names, spec.scene.gaps, strict=True)
-        if name not in dict(spec.pair_gaps)
-    ]
     for name, axis_values in spec.axes.items():
         if name in _TEXTS:
             result[name] = coordinate((name,), axis_values, "", _TEXTS[name])
             continue
-        axis = named[name].axis if name in named else _AXES[name]
-        owner = named[name].name if name in named else None
+        axis, owner = (named[name].axis, named[name].name) if name in named else (_AXES[name], None)
         text, units = axis.long_name + ("" if owner is None else f" of {axis.by} {owner}"), axis.unit
         values: Any = axis_values
         if name == "gap" and spec.gaps is None:
-            if len({*others}) != 1:
+            if spec.pair_gaps or len({*spec.scene.gaps}) != 1:
                 text = "smallest gap of the scene (see pair_gap)"
-            values = (min(others or spec.scene.gaps, default=np.nan),)
-        if name == "gap" and others and spec.pair_gaps:
+            values = (min(spec.scene.gaps, default=np.nan),)
+        elif name == "gap" and spec.pair_gaps:
             text += " without gaps of its own"
         if name == "stiffness":
             exponent = next((law.exponent for law in plan.laws if law.exponent is not None), 1.0)

@@ -44,7 +44,10 @@ Sweeps = Sequence[Mapping[str, Any]]
 #: Dimension of listed scenarios.
 CASE = "case"
 #: What tells listed cases apart, what their law ignores too: a case is selected by it.
-CASE_COORDINATES = ("law", "record", "scale", "restitution", "contact_stiffness", "pair_gap", *BUILDING_DEFAULTS)
+CASE_COORDINATES = (
+    *("law", "record", "scale", "restitution", "contact_stiffness", "pair_gap", "pair_restitution"),
+    *BUILDING_DEFAULTS,
+)
 #: Global attributes that say how a part came to be, or are made anew, and how others of them begin.
 PART_ATTRIBUTES = frozenset(
     {

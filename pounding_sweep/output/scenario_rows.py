@@ -61,16 +61,15 @@ def places_of(wanted: np.ndarray, rising: np.ndarray) -> np.ndarray:
 
 def planned_columns(plan: Plan, rows: np.ndarray) -> dict[str, np.ndarray]:
     """Return what unique scenarios of a plan are known by."""
-    table = plan.unique[rows]
+    table, labels = plan.unique[rows], plan.spec.scene.pair_of_label
+    pairs, shape = dict(stiffness=table.stiffness, restitution=table.restitution, gap=table.gaps), table.gaps.shape
     names = [law.key for law in plan.laws], [record.name for record in plan.spec.records]
     law, record = (_as_numbers(np.array(texts)) for texts in names)
     return {
         "law": law[table.law],
         "record": record[table.record],
         "scale": table.scale,
-        "stiffness": table.stiffness,
-        "restitution": table.restitution,
-        "gap": table.gaps[:, plan.spec.scene.pair_of_label],
+        **{name: np.broadcast_to(part.reshape(len(rows), -1), shape)[:, labels] for name, part in pairs.items()},
         **{name: getattr(plan.variants, name)[table.variant] for name in BUILDING_DEFAULTS},
     }
 
@@ -98,14 +97,15 @@ def cube_columns(part: xr.Dataset, sweep: Mapping[str, Any], dims: Iterable[str]
         "record": part["record"],
         "scale": part["scale"],
         "stiffness": xr.where(has_stiffness, stiffness, 0.0),
-        "restitution": xr.where(has_restitution, part["restitution"], 1.0),
+        "restitution": xr.where(has_restitution, part.get("pair_restitution", part["restitution"]), 1.0),
         "gap": xr.where(by_law(lambda item: item.has_contact), gap, np.inf),
         **_building_columns(part, sweep),
     }
     result = {}
     for name, column in columns.items():
         numbers = column.variable.copy(data=_as_numbers(column.values))
-        inner = {str(dim): size for dim, size in numbers.sizes.items() if dim not in sizes}
+        inner = {"pair": gap.sizes["pair"]} if name in ("stiffness", "restitution") else {}
+        inner |= {str(dim): size for dim, size in numbers.sizes.items() if dim not in sizes}
         result[name] = numbers.set_dims(sizes | inner).values.reshape(math.prod(sizes.values()), -1)
     return result
 

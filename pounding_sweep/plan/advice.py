@@ -115,15 +115,17 @@ def shortest_contact(
     if law.exponent is None:
         return shortest
     variants = variants_of(row)
+    stiffnesses = variants.contact_stiffnesses(stiffness)
+    quickening = variants.scene.of_contacts(law.quickening(restitution, basis))
     for j, (contact, bumper) in enumerate(zip(variants.scene.contacts, variants.scene.bumper_of, strict=True)):
         speed, mass = speeds[:, contact.pair], variants.contact_masses[:, j]
         if bumper is not None:
             lasting = elastic_duration(bumper.law.exponent, bumper.stiffness, mass, speed)
             of_bumpers = np.minimum(of_bumpers, lasting / bumper.quickening(basis))
         else:
-            struck = variants.contact_stiffnesses(stiffness)[:, j] if contact.struck >= 0 else stiffness
-            shortest = np.minimum(shortest, elastic_duration(law.exponent, struck, mass, speed))
-    return np.minimum(shortest / law.quickening(restitution, basis), of_bumpers)
+            lasting = elastic_duration(law.exponent, stiffnesses[:, j], mass, speed)
+            shortest = np.minimum(shortest, lasting / quickening[:, j])
+    return np.minimum(shortest, of_bumpers)
 
 
 #: File of measured errors beside this module.

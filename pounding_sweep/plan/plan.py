@@ -176,6 +176,7 @@ class Plan:
             basis=self.spec.restitution_basis,
             varied=len(self.variants) > 1,
             windows=self._shares_flight,
+            by_pair=self.unique.stiffness.ndim > 1,
             accuracy=self.spec.accuracy,
         )
 

@@ -118,7 +118,7 @@ def doubts(spec: SweepSpec) -> list[str]:
     for odd, why in _ODD_SCALES:
         if scales := [f"{scale:g} ({record.name})" for record, scale in scenarios if odd(scale)]:
             texts.append(f"record scale {', '.join(scales[:_NAMED])} {why}")
-    law, stiffness = np.broadcast_arrays(requested.law, requested.values["stiffness"])
+    law, stiffness = np.broadcast_arrays(requested.law.T, requested.values["stiffness"].T)
     exponent = np.array([spec.law(key).exponent or 0.0 for key in spec.laws])[law]
     bare = (exponent == 1.0) & np.array([not spec.law(key).thickness for key in spec.laws])[law]
     for kind, power in (("linear_stiffness", 1.0), ("hertz_stiffness", 1.5)):
@@ -131,11 +131,8 @@ def doubts(spec: SweepSpec) -> list[str]:
         ratios: dict[str, float] = {}  # of floors that meet without bumpers, walls left out
         for contact, bumper in zip(scene.contacts, scene.bumper_of, strict=True):
             if bumper is None and min(contact.left, contact.right) >= 0:
-                name, ratio = (
-                    scene.pair_names[contact.pair],
-                    float(softest / below[[contact.left, contact.right]].min()),
-                )
-                ratios[name] = max(ratio, ratios.get(name, 0.0))
+                name, ratio = scene.pair_names[contact.pair], softest / below[[contact.left, contact.right]].min()
+                ratios[name] = max(float(ratio), ratios.get(name, 0.0))
         check("contact", ratios.items())
     return texts
 

@@ -13,8 +13,10 @@ import numpy as np
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.laws import Law
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.records import Record
+from pounding_sweep.request.axes import AXES, NAMED_KINDS, Axis
 from pounding_sweep.request.spec import SweepSpec, case_variants, scene_variants
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.variables.registry import CHANGE
@@ -34,6 +36,7 @@ class Scenarios:
     record: np.ndarray
     #: values (stiffness in kN/m**exponent); 0 and 1 where the law ignores them; float
     scale: np.ndarray
+    #: of all pairs, or of each: shape (n, pairs)
     stiffness: np.ndarray
     restitution: np.ndarray
     gaps: np.ndarray  # gaps (m); infinite where nothing can touch; shape (n, pairs)
@@ -68,7 +71,9 @@ class Requested:
     law: np.ndarray
     record: np.ndarray
     variant: np.ndarray
-    values: dict[str, np.ndarray]  # scale, stiffness, restitution, and gap, with one more dimension for pairs
+    #: scale, stiffness, restitution and gap; gap has one more dimension for pairs, and where these differ stiffness and
+    #: restitution have it, whose values for all pairs then are row_stiffness and row_restitution
+    values: dict[str, np.ndarray]
     ranks: dict[str, np.ndarray]  # places of these when sorted, gaps last; int
     variants: Variants  # building properties
 
@@ -84,10 +89,14 @@ def requested_scenarios(spec: SweepSpec) -> Requested:
             "restitution": np.array([1.0 if case.restitution is None else case.restitution for case in cases], float),
             "gap": np.array([case.gaps_of(scene) for case in cases], float),
         }
+        for argument in NAMED_KINDS["pair"]:
+            for name in dict.fromkeys(name for case in cases for name, _ in getattr(case, argument)):
+                own = np.array([dict(getattr(case, argument)).get(name, np.nan) for case in cases])
+                _put_pair(values, scene, AXES[argument], name, own)
         law = np.array([spec.laws.index(case.law) for case in cases])
         record = np.array([0 if case.record is None else places[case.record] for case in cases], np.int32)
         variants, variant = case_variants(scene, cases)
-        ranks = {name: _rank(column) for name, column in values.items()}
+        ranks = {key: row_codes(list(np.atleast_2d(column.T))) for key, column in values.items() if "row_" not in key}
         return Requested((len(cases),), law, record, variant, values, ranks, variants)
 
     grids = np.meshgrid(*(axis.values for axis in spec.named_axes("building")), indexing="ij")
@@ -99,16 +108,8 @@ def requested_scenarios(spec: SweepSpec) -> Requested:
         variants = variants_of(scene)
     variant = np.arange(len(variants) > 1, len(variants), dtype=np.int32)
     (stiffness, stiffnesses), (scale, scales) = spec.needed_axis("stiffness"), spec.needed_axis("scale")
-    axes: dict[str, Sequence[float]] = {
-        "law": range(len(spec.laws)),
-        "gap": spec.gaps or (0.0,),
-        **{axis.dimension: axis.values for axis in spec.named_axes("pair")},
-        "stiffness": stiffnesses,
-        "restitution": spec.restitutions,
-        "record": range(len(places)),
-        "scale": scales,
-        "variant": range(len(variant)),
-    }
+    of_buildings = {axis.dimension for axis in spec.named_axes("building")}
+    axes = {name: column for name, column in spec.axes.items() if name not in of_buildings} | {"variant": variant}
 
     def along(values: Any, *dims: str) -> np.ndarray:
         """Return values by some dimensions as a column."""
@@ -116,29 +117,40 @@ def requested_scenarios(spec: SweepSpec) -> Requested:
         sizes = [len(values_of) if dim in dims else 1 for dim, values_of in axes.items()]
         return values.reshape(*sizes, *values.shape[len(dims) :])
 
-    gaps = along(np.array([scene.gaps] if spec.gaps is None else [[v] for v in spec.gaps], float), "gap")
-    for axis in spec.named_axes("pair"):
-        of_pair = np.array(scene.pair_names) == axis.name
-        gaps = np.where(of_pair, along(axis.values, axis.dimension)[..., None], gaps)
+    gaps = np.array([scene.gaps] if spec.gaps is None else [[v] for v in spec.gaps], float)
     factors = [[spec.scale(scale, v, record) for v in scales] for record in spec.records]
     contact = [[stiffness.value(v, scene=scene, law=spec.law(key)) for v in stiffnesses] for key in spec.laws]
+    values = {
+        "scale": along(factors, "record", scale.dimension),
+        "stiffness": along(contact, "law", stiffness.dimension),
+        "restitution": along(np.array(spec.restitutions, float), "restitution"),
+        "gap": along(gaps, "gap"),
+    }
+    dimensions = {"scale": scale.dimension, "stiffness": stiffness.dimension, "restitution": "restitution"}
+    ranks = {name: row_codes([along(axes[dim], dim)]) for name, dim in dimensions.items()}
+    ranks["gap"] = row_codes(list(np.moveaxis(values["gap"], -1, 0)))
+    for axis in spec.named_axes("pair"):
+        own = along(axis.values, axis.dimension)
+        _put_pair(values, scene, axis.axis, str(axis.name), own)
+        ranks[axis.kind] = row_codes([ranks[axis.kind], own])
     return Requested(
         shape=tuple(map(len, axes.values())),
-        law=along(axes["law"], "law"),
+        law=along(np.arange(len(spec.laws)), "law"),
         record=along(np.arange(len(places), dtype=np.int32), "record"),
         variant=along(variant, "variant"),
-        values={
-            "scale": along(factors, "record", "scale"),
-            "stiffness": along(contact, "law", "stiffness"),
-            "restitution": along(np.array(spec.restitutions, float), "restitution"),
-            "gap": gaps,
-        },
-        ranks={
-            **{name: along(_rank(axes[name]), name) for name in ("scale", "stiffness", "restitution")},
-            "gap": row_codes(list(np.moveaxis(gaps, -1, 0))),
-        },
+        values=values,
+        ranks=ranks,
         variants=variants,
     )
+
+
+def _put_pair(values: dict[str, np.ndarray], scene: Scene, axis: Axis, name: str, own: np.ndarray) -> None:
+    """Give a pair its own values where they are not NaN; what holds for all pairs is kept as that of the row."""
+    column = values[axis.column]
+    values.setdefault(f"row_{axis.column}", column)
+    column, own = column if column.ndim > own.ndim else column[..., None], own[..., None]
+    of_pair = (np.array(scene.pair_names) == name) & ~np.isnan(own)
+    values[axis.column] = np.where(of_pair, axis.of_pair(column, own), column)
 
 
 def unique_scenarios(spec: SweepSpec, laws: Sequence[Law]) -> tuple[Scenarios, Variants, np.ndarray]:
@@ -163,20 +175,20 @@ def unique_scenarios(spec: SweepSpec, laws: Sequence[Law]) -> tuple[Scenarios, V
 
     def column(name: str, values: np.ndarray, ignored: float = 0.0) -> np.ndarray:
         """Return what a column has in each unique scenario; of one value, as one row of memory."""
-        used = matters.get(name, np.True_)
-        values = np.where(used[..., None] if name == "gap" else used, values, ignored).astype(values.dtype)
         inner = values.shape[len(requested.shape) :]
+        values = np.where(matters.get(name, np.True_).T, values.T, ignored).T.astype(values.dtype)
         if values.size == math.prod(inner):
             return np.broadcast_to(values.reshape(inner), (len(first), *inner))
         return np.broadcast_to(values, (*requested.shape, *inner)).reshape(-1, *inner)[first]
 
+    values = requested.values
     table = Scenarios(
         law=column("law", law),
         record=column("record", requested.record),
-        scale=column("scale", requested.values["scale"]),
-        stiffness=column("stiffness", requested.values["stiffness"]),
-        restitution=column("restitution", requested.values["restitution"], 1.0),
-        gaps=np.broadcast_to(column("gap", requested.values["gap"], math.inf), (len(first), len(scene.pair_names))),
+        scale=column("scale", values["scale"]),
+        stiffness=column("stiffness", values["stiffness"]),
+        restitution=column("restitution", values["restitution"], 1.0),
+        gaps=np.broadcast_to(column("gap", values["gap"], math.inf), (len(first), len(scene.pair_names))),
         variant=column("variant", requested.variant),
     )
     return table, requested.variants, inverse.astype(np.int32)
@@ -192,7 +204,8 @@ def but_for_gaps(table: Scenarios) -> tuple[Scenarios, np.ndarray]:
     """Return one row for each stretch of rows that differ in their gaps alone, and how many rows that has."""
     columns = [column for name, column in vars(table).items() if name != "gaps"]
     new = np.ones(len(table), bool)
-    new[1:] = np.any([column[1:] != column[:-1] for column in columns if column.strides[0]], axis=0)  # 0: one for all
+    differ = [column[1:] != column[:-1] for column in columns if column.strides[0]]  # 0: one for all
+    new[1:] = np.any([part.any(axis=tuple(range(1, part.ndim))) for part in differ], axis=0)
     if new.all():
         return table, np.broadcast_to(np.int32(1), len(table))
     first = np.flatnonzero(new)
@@ -215,7 +228,8 @@ def uncoupled_runs_of(table: Scenarios, no_pounding: int) -> tuple[Scenarios, np
     codes = row_codes([table.record, table.variant, table.scale])
     _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
     runs, n = table[first], len(first)
-    ignored = {"stiffness": np.zeros(n), "restitution": np.ones(n), "gaps": np.full(runs.gaps.shape, np.inf)}
+    ignored = {"stiffness": np.zeros_like(runs.stiffness), "restitution": np.ones_like(runs.restitution)}
+    ignored["gaps"] = np.full(runs.gaps.shape, np.inf)
     runs = replace(runs, law=np.full(n, no_pounding, np.int16), **ignored)
     return runs, np.broadcast_to(np.int32(0), len(table)) if n == 1 else inverse.astype(np.int32)
 
@@ -234,11 +248,6 @@ def row_codes(columns: Sequence[np.ndarray]) -> np.ndarray:
         codes = codes * len(values) + index.reshape(column.shape)
         size *= len(values)
     return codes
-
-
-def _rank(values: Any) -> np.ndarray:
-    """Places of values, or of rows of values, when sorted."""
-    return np.unique(np.asarray(values, float), axis=0, return_inverse=True)[1].reshape(-1)
 
 
 def changed(table: Scenarios, change: float = CHANGE) -> Scenarios:

@@ -360,10 +360,7 @@ def resolve_records(
 
 
 def resolve_record(
-    item: object,
-    folders: Folders = None,
-    base: FilePath | None = None,
-    column: str | int | None = None,
+    item: object, folders: Folders = None, base: FilePath | None = None, column: str | int | None = None
 ) -> Record:
     """Turn a record, a path or a name into one record; a record set is refused.
 

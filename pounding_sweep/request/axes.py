@@ -9,10 +9,11 @@ the field of `Case` that has the dimension's name.
 from __future__ import annotations
 
 import math
+import operator
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import zip_longest
 from typing import Annotated, Any
 
@@ -57,6 +58,7 @@ class Axis:
     of_buildings: bool = False  # whether it changes buildings
     by: str = ""  # what it is given for by name, "building" or "pair"; "" for the whole row
     neutral: float = math.nan  # value of an axis by name that changes nothing, which listed cases leave out
+    of_pair: Callable[[Any, Any], Any] = lambda row, own: own  # value of the row, and a pair's own -> value of the pair
     #: whether a sweep with it is a list of cases: what it comes to in a scenario depends on all of that
     listed: bool = False
     finds: str = ""  # argument of the axis by name whose values it finds, and excludes
@@ -177,6 +179,10 @@ def _by_building(*about: Any, neutral: float = 1.0, **more: Any) -> Any:
     return _axis(*about, values=(), of_buildings=True, by="building", neutral=neutral, **more)
 
 
+#: Makes the field of an axis that is given for each pair by name.
+_by_pair = partial(_axis, values=(), by="pair")
+
+
 @dataclass(frozen=True, kw_only=True)
 class AxisValues:
     """The axes: one field for each."""
@@ -259,10 +265,20 @@ class AxisValues:
         comment="the coordinate strength_factor has the factor on the yield strengths of each building",
         requires=_need_yielding, of_buildings=True, listed=True, finds="strength_factors",
     )
-    pair_gaps: NamedValues = _axis(
+    pair_gaps: NamedValues = _by_pair(
         "gap", "gap", "gap in m", {"ge": 0.0},
         "Gaps (m) of a pair, by its name, one axis each; other pairs have those of `gaps`, or the scene's own.",
-        "gap", "m", values=(), by="pair",
+        "gap", "m",
+    )
+    pair_stiffness_factors: NamedValues = _by_pair(
+        "stiffness_factor", "stiffness", "stiffness factor", {"gt": 0.0},
+        "Factors on the contact stiffness of a pair, by its name, one axis each, beside those of all pairs.",
+        "factor on the contact stiffness", neutral=1.0, of_pair=operator.mul,
+    )
+    pair_restitutions: NamedValues = _by_pair(
+        "restitution", "restitution", "coefficient of restitution", {"ge": 0.0, "le": 1.0},
+        "Coefficients of restitution of a pair, by its name, one axis each; other pairs have those of `restitutions`.",
+        "nominal coefficient of restitution",
     )
     # fmt: on
 
@@ -305,21 +321,20 @@ class AxisValues:
 #: Axes by argument of `build_spec`.
 AXES: dict[str, Axis] = {field.name: field.metadata["axis"] for field in fields(AxisValues)}
 #: Axes by building and by pair, given in tables building.NAME and pair.NAME: argument -> kind.
-NAMED_KINDS = {by: {name: axis.column for name, axis in AXES.items() if axis.by == by} for by in ("building", "pair")}
+NAMED_KINDS = {
+    by: {name: axis.dimension for name, axis in AXES.items() if axis.by == by} for by in ("building", "pair")
+}
 #: All of them: argument -> kind.
-FACTOR_KINDS = {argument: kind for kinds in NAMED_KINDS.values() for argument, kind in kinds.items()}
+FACTOR_KINDS = NAMED_KINDS["building"] | NAMED_KINDS["pair"]
 #: Building properties that vary -> the value that stands for the building's own.
 BUILDING_DEFAULTS = {axis.column: axis.neutral for axis in AXES.values() if axis.of_buildings and not axis.listed}
 #: What axes may set of a scenario beside building properties, in the order of the cube.
 COLUMNS = tuple(dict.fromkeys(axis.column for axis in AXES.values() if not axis.of_buildings))
-
-
-#: Dimensions by what they set of a scenario; of axes by name there are others, which begin so.
+#: Dimensions by what they set of a scenario; those of axes by name begin so.
 DIMENSIONS = {
     column: tuple(dict.fromkeys(axis.dimension for axis in AXES.values() if axis.column == column))
     for column in dict.fromkeys(axis.column for axis in AXES.values())
 }
-PREFIXES = {by: tuple(f"{AXES[argument].dimension}_" for argument in kinds) for by, kinds in NAMED_KINDS.items()}
 
 
 @checked
@@ -440,8 +455,9 @@ class Case:
         to, instead of `scale`.
     ductility : float, optional
         Largest storey ductility for which the factors on strengths are found, where `strength_factors` gives none.
-    pair_gaps : mapping of str to float
-        Gaps of pairs (m) by name, in place of `gap`.
+    pair_gaps, pair_restitutions, pair_stiffness_factors : mapping of str to float
+        Gaps (m) and restitutions of pairs by name, in place of `gap` and `restitution`, and factors on the contact
+        stiffness of pairs.
 
     Examples
     --------
@@ -467,6 +483,8 @@ class Case:
     sa: float | None = None
     ductility: float | None = None
     pair_gaps: Factors | Mapping[str, float] = ()
+    pair_stiffness_factors: Factors | Mapping[str, float] = ()
+    pair_restitutions: Factors | Mapping[str, float] = ()
 
     def gaps_of(self, scene: Scene) -> tuple[float, ...]:
         """Return the gap of each pair of a row (m)."""

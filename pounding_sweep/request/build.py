@@ -147,7 +147,7 @@ _FACTORS = Annotated[dict[str, Any], BeforeValidator(as_mapping)]
 _BY_NAME: dict[str, Any] = {}
 for _by, _kinds in NAMED_KINDS.items():
     _table = key(f"tables {_by}.NAME of {', '.join(_kinds.values())}", None)
-    _plain = key(f'a table by name of the {_by}, such as {{"left{"-right" * (_by == "pair")}": 1.2}}', None)
+    _plain = key(f"a table by name of the {_by}", None)
     _BY_NAME |= {**dict.fromkeys(_kinds, (_FACTORS | None, _plain)), _by: (dict[str, dict[str, Any]] | None, _table)}
 _AXIS = Any, key("a number, a list of numbers, or a table of evenly spaced values", None)
 _AXES: dict[str, Any] = {name: _BY_NAME.get(name, _AXIS) for name in (*AXES, *NAMED_KINDS)}
@@ -447,7 +447,7 @@ class _Reader:
         values = self._axis_values(axes) if self._fits(axes, design) else {}
         chosen = {name for name in AXES if arguments[name] is not None} | {name for name, _ in drawn}
         by_pair = {name for argument, name in {*(axis.target for axis in axes), *drawn} if argument == "pair_gaps"}
-        if "gaps" in chosen and self.scene is not None and by_pair and by_pair == {*self.scene.pair_names}:
+        if "gaps" in chosen and self.scene and {*self.scene.pair_names} == by_pair != set():
             faults.add(("gaps",), "every pair has gaps of its own (pair_gaps); leave gaps out, or those of a pair")
         faults.entries += [
             (("design", "inputs", AXES[two].dimension) if (two, None) in drawn else (two,), text)
@@ -499,7 +499,7 @@ class _Reader:
     def _axis_defaults(self, chosen: Collection[str]) -> dict[str, Any]:
         """Return the values of axes that are needed and not chosen; notes what the chosen ones and these lack."""
         scene, laws, result = self.scene, list(self.laws.values()), dict[str, Any]()
-        columns = {AXES[name].column for name in chosen if name in AXES}
+        columns = {AXES[name].column for name in chosen if name in AXES and not AXES[name].by}
         for name, axis in AXES.items():
             by_default = axis.default is not None and axis.column not in columns
             if scene is not None and not axis.by and (name in chosen or by_default):
@@ -538,7 +538,7 @@ class _Reader:
             values = self._case_values(table, law, faults)
             factors: dict[str, Any] = dict.fromkeys(FACTOR_KINDS, ())
             for (argument, name), (place, value) in self._by_name(table, faults).items():
-                factor = faults.attempt(place, AXES[argument].check, value)
+                factor = faults.attempt(place, AXES[argument].check, value, [law] if law else [], self.basis)
                 if factor != AXES[argument].neutral:
                     factors[argument] = (*factors[argument], (name, factor))
             record, records = table["record"], [record.name for record in self.records or ()]
@@ -669,8 +669,7 @@ class _Reader:
             (("cases", i, "gap"), (case.law,), case.gaps_of(scene)) for i, case in enumerate(spec.cases or ())
         ]
         if not rows:
-            place: Place = ("gaps",) if spec.gaps is not None else ("scene", "gaps")
-            place = ("pair_gaps",) if spec.pair_gaps else place
+            place: Place = ("pair_gaps",) if spec.pair_gaps else ("scene", "gaps") if spec.gaps is None else ("gaps",)
             narrowest = {name: min(values) for name, values in spec.pair_gaps}
             rows = [(place, self.laws, Case("none", spec.gaps and min(spec.gaps), pair_gaps=narrowest).gaps_of(scene))]
         for place, keys, gaps in rows:

@@ -138,9 +138,9 @@ Inputs = create_model(
     **{RECORD: (Annotated[Any, PlainValidator(_read_any_record)], None)},
     **{axis.dimension: (_DRAWN, None) for axis in AXES.values() if not axis.by},
     **{
-        argument: (dict[str, _DRAWN], key(f"a table by name of the {by}", None))
-        for by, kinds in NAMED_KINDS.items()
-        for argument in kinds
+        argument: (dict[str, _DRAWN], key(f"a table by name of the {axis.by}", None))
+        for argument, axis in AXES.items()
+        if axis.by
     },
     **{by: (dict[str, dict[str, _DRAWN]], key(f"tables {by}.NAME of distributions", None)) for by in NAMED_KINDS},
 )  # type: ignore[call-overload]
@@ -265,8 +265,8 @@ def product_cases(
     records = [None] if ("records", None) in targets else records
     order, cases = {name: i for i, name in enumerate(names)}, []
     for key_of_law, law in laws.items():
-        matters = {"stiffness_factors": law.has_contact, "restitutions": law.takes_restitution}
-        of_law = [step for step in steps if matters.get(step[0][0][0][0], True)]
+        matters = {"stiffness": law.has_contact, "restitution": law.takes_restitution}
+        of_law = [step for step in steps if matters.get(AXES[step[0][0][0][0]].column, True)]
         for record in records:
             for settings in itertools.product(*of_law, points):
                 case: dict[str, Any] = {RECORD: record}

@@ -123,10 +123,7 @@ def line_finder(text: str) -> Callable[[Place], int]:
 SECTIONS: dict[str, dict[str, str]] = {
     "sweep": {
         name: name
-        for name in (
-            *("records", "laws", "restitution_basis", "cases", "building", "pair", "sa_period"),
-            *AXES,
-        )
+        for name in (*("records", "laws", "restitution_basis", "cases", "building", "pair", "sa_period"), *AXES)
     },
     "solver": {
         name: name

@@ -115,7 +115,7 @@ def _representatives(plan: Plan, rows: np.ndarray, random: np.random.Generator) 
         of_law = np.flatnonzero(table.law == law)
         records = np.unique(table.record[of_law])
         part = random.permutation(of_law[table.record[of_law] == records[turn % len(records)]])
-        stiffness, gap = table.stiffness[part], table.gaps[part].min(axis=1)
+        stiffness, gap = np.atleast_2d(table.stiffness[part].T).max(axis=0), table.gaps[part].min(axis=1)
         extremes = part[[int(stiffness.argmin()), int(stiffness.argmax()), int(gap.argmin())]]
         groups.append(np.concatenate([extremes, part[: LANES - len(extremes)]]))
     return groups

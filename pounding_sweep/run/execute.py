@@ -149,11 +149,7 @@ class Dispatcher(ExitStack):
 
 
 def execute(
-    plan: Plan,
-    dispatcher: Dispatcher,
-    *,
-    store: ChunkStore | None = None,
-    earlier: EarlierCube | None = None,
+    plan: Plan, dispatcher: Dispatcher, *, store: ChunkStore | None = None, earlier: EarlierCube | None = None
 ) -> Outcome:
     """Run a plan and keep the results of its unique scenarios."""
     progress, shapes, n = dispatcher.progress, plan.shapes(), len(plan.unique)

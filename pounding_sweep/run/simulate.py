@@ -63,6 +63,8 @@ def simulate(
     precision: str | None = None,
     accuracy: float | None = None,
     output_step: float | None = None,
+    pair_stiffness_factors: Mapping[str, float] | None = None,
+    pair_restitutions: Mapping[str, float] | None = None,
 ) -> xr.Dataset:
     """Run one scenario and return its histories.
 
@@ -89,6 +91,8 @@ def simulate(
     output_step : float, optional
         Largest time (s) between instants of the histories; by default the step, where an accuracy chooses that at
         most 1e-3 s. Peaks are located between instants: they may be larger than what the histories show.
+    pair_stiffness_factors, pair_restitutions : mapping of str to float, optional
+        Factors on the contact stiffness of pairs, and their coefficients of restitution, by name.
 
     Returns
     -------
@@ -130,6 +134,8 @@ def simulate(
         laws=contact,
         stiffnesses=stiffness if contact.has_contact else None,
         restitutions=restitution if contact.takes_restitution else None,
+        pair_stiffness_factors=pair_stiffness_factors,
+        pair_restitutions=pair_restitutions,
         method=method,
         dt=dt,
         locate=locate,
@@ -292,10 +298,9 @@ def simulate_one(
     for name in choice:
         check_choice("choice", name, selected)
     choice = {name: value for name, value in choice.items() if value is not None}
-    for argument, axis in AXES.items():
-        for name in choice if axis.of_buildings or axis.by else ():
-            if selected[name][0] == (argument if axis.by else axis.dimension):
-                axis.check(choice[name])
+    for name, value in choice.items():
+        if axis := AXES.get(selected[name][0]):  # others are checked with the scenario
+            axis.check(value)
     for column in COLUMNS:
         if len(ways := [dim for dim in DIMENSIONS[column] if dim in choice]) > 1:
             raise InputError(f"{' and '.join(ways)} exclude each other; give one of them")
@@ -331,6 +336,8 @@ def simulate_one(
         stiffness=None if law.exponent is None else stiffness,
         restitution=chosen.restitution,
         output_step=output_step,
+        pair_stiffness_factors=dict(chosen.pair_stiffness_factors),
+        pair_restitutions=dict(chosen.pair_restitutions),
         **{name: getattr(spec, name) for name in settings},
     )
     details = "; ".join(_details(spec, values, law, choice))

@@ -37,19 +37,20 @@ def largest_step(
 ) -> np.ndarray:
     """Largest stable step (s) of each scenario; infinite where the scheme has no limit."""
     scheme = SCHEMES[method]
-    stiffness = np.asarray(stiffness, dtype=float)
     variants = variants_of(row)
-    scene, shape = variants.scene, stiffness.shape
+    scene, n = variants.scene, len(stiffness)
+    # of pairs that differ, the limit of the stiffest and of the most damped one
+    stiffness, restitution = (np.asarray(values, float).reshape(n, -1) for values in (stiffness, restitution))
     decides = law.exponent == 1.0 and bool(scene.contacts) and not scheme.flies_exactly
     if not decides and len(variants) == 1:  # one limit for all
         stiffness = stiffness[:1]
-    contact_k = np.zeros_like(stiffness)
-    contact_c = np.zeros_like(stiffness)
+    contact_k = contact_c = np.zeros(len(stiffness))
     if decides:
-        contact_k = stiffness
+        contact_k = stiffness.max(axis=1)
         if law.damping == "viscous":
-            contact_c = law.damping_coefficient(restitution, stiffness, variants.contact_masses.max(axis=1), basis)
-    w2, rate = np.zeros_like(stiffness), np.zeros_like(stiffness)
+            masses = variants.contact_masses.max(axis=1)[:, None]
+            contact_c = law.damping_coefficient(restitution, stiffness, masses, basis).max(axis=1)
+    w2 = rate = np.zeros(len(stiffness))
     bare = [contact for contact, bumper in zip(scene.contacts, scene.bumper_of, strict=True) if bumper is None]
     weights = _row_sums(scene, [(contact.ends, 1.0, 0.0) for contact in bare if decides])[0]
     ties = scene.linked_floors
@@ -79,7 +80,7 @@ def largest_step(
             stiff = row_sum / np.square(period)
             w2 = np.maximum(w2, stiff + (link[0] + contact_k * contact) / mass)
             rate = np.maximum(rate, a + b * stiff + damper / period + (link[1] + contact_c * contact) / mass)
-    return np.broadcast_to(scheme.stability_limit(w2, rate, beta, gamma), shape)
+    return np.broadcast_to(scheme.stability_limit(w2, rate, beta, gamma), (n,))
 
 
 def _row_sums(scene: Scene, elements: Iterable[tuple[Iterable[tuple[int, float]], float, float]]) -> np.ndarray:

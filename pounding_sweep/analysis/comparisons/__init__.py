@@ -304,11 +304,7 @@ def plain_rows(table: xr.Dataset) -> list[Row]:
 #: What some fractiles are called.
 _NAMED = {0.0: "smallest", 0.5: "median", 1.0: "largest"}
 #: What a table by storeys has beside the values.
-BY_STOREY = {
-    "contact_elevation": "elevation (m)",
-    "floor_elevation": "elevation (m)",
-    "touching_share": "touching",
-}
+BY_STOREY = {"contact_elevation": "elevation (m)", "floor_elevation": "elevation (m)", "touching_share": "touching"}
 
 
 def table_rows(

@@ -30,12 +30,7 @@ from pounding_sweep.analysis.comparisons.fragility import (
     merged,
 )
 from pounding_sweep.analysis.comparisons.responses import RESPONSES as AMPLIFIED
-from pounding_sweep.analysis.comparisons.responses import (
-    directions,
-    needed_for,
-    on_levels,
-    responses_of,
-)
+from pounding_sweep.analysis.comparisons.responses import directions, needed_for, on_levels, responses_of
 from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES, fractiles_over, long_name, pounding_only
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import CONTACT, FIRST_STOREY, LABELS, NO_CONTACT, SALTELLI, TWO_AXES, figure_of
