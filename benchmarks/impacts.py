@@ -1,8 +1,9 @@
 """What a scenario costs by its number of impacts: ``python -m benchmarks.impacts [-o FIGURE.png]``.
 
 The paper's row under El Centro at one gap after another, 256 scenarios of stiffnesses within 10 % at each, by `exact`
-at steps of 2.5 ms in single precision. Prints impacts of a scenario and its processor time, and draws them with the
-straight line through them; `rk4`, which steps through the whole record, beside it.
+at steps of 2.5 ms in single precision with four outputs. Prints impacts of a scenario, its processor time, and draws
+them with the straight line through them. Beside it are `rk4`, which steps through the whole record, and whole sweeps of
+the usual outputs to the default accuracy, from plan to cube.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 GAPS = (0.003, 0.004, 0.005, 0.006, 0.008, 0.010, 0.012, 0.015, 0.018, 0.022)
 #: Contact laws, and step (s) of both schemes.
 LAWS, DT = ("linear", "hertz_damped"), 2.5e-3
+#: What is no scheme but a sweep of nothing named, and its scenarios at each gap.
+USUAL, SWEEP = "accuracy 1e-3", 2048
 
 
 @dataclass(frozen=True)
@@ -55,21 +58,28 @@ def _job(work: Work, method: str, gap: float) -> Callable[[], dict[str, np.ndarr
     return lambda: run_chunks(plan)
 
 
+def _sweep(work: Work, gap: float) -> Callable[[], dict[str, np.ndarray]]:
+    stiffnesses = work.stiffness * np.linspace(0.9, 1.1, SWEEP)
+    sweep = Sweep(work.scene, work.record, work.law, gaps=gap, stiffnesses=stiffnesses)
+    return lambda: {"impact_count": sweep.run(scheduler="synchronous")["impact_count"].values}
+
+
 def measure(work: Work, method: str, law: str, gaps: Sequence[float] = GAPS, rounds: int = 5) -> Series:
     """Time a law by a scheme at some gaps (m), which take turns."""
-    jobs = [_job(work.under(law), method, gap) for gap in gaps]
-    counts = [np.clip(job()["impact_count"], 0, None).reshape(BATCH, -1).sum(axis=1).mean() for job in jobs]
-    return Series(method, law, np.array(counts), 1e6 * np.array(medians(*jobs, rounds=rounds)) / BATCH)
+    size, own = SWEEP if method == USUAL else BATCH, work.under(law)
+    jobs = [_sweep(own, gap) if method == USUAL else _job(own, method, gap) for gap in gaps]
+    counts = [np.clip(job()["impact_count"], 0, None).reshape(size, -1).sum(axis=1).mean() for job in jobs]
+    return Series(method, law, np.array(counts), 1e6 * np.array(medians(*jobs, rounds=rounds)) / size)
 
 
 @in_style()
 def draw(found: Sequence[Series]) -> Figure:
-    """Draw processor time against impacts, with the line of each scheme that flies from touch to touch."""
+    """Draw processor time against impacts, with the lines of what flies from touch to touch."""
     ax = subplots(1, 1, (5.2, 0.0, 3.6, 0.0))[0, 0]
     for each, look in zip(found, MARKED, strict=False):
         style = look | {"linestyle": "", "label": f"{each.method}, {each.law}"}
         ax.plot(each.impacts, each.microseconds, **style)
-        if each.method == "exact":
+        if each.method != "rk4":
             slope, start = each.line
             ends = np.array([0.0, each.impacts.max()])
             ax.plot(ends, start + slope * ends, color=look["color"], linewidth=0.8)
@@ -85,7 +95,7 @@ def main() -> None:
     parser.add_argument("-o", type=Path, metavar="FIGURE.png", help="draw them, too")
     given = parser.parse_args()
     work = make_work()
-    found = [measure(work, method, law) for method in ("exact", "rk4") for law in LAWS]
+    found = [measure(work, method, law) for method in ("exact", "rk4", USUAL) for law in LAWS]
     for each in found:
         print(f"{each.method}, {each.law}: {each.line[1]:.1f} us, and {each.line[0]:.2f} us for each impact")
         for impacts, time in zip(each.impacts, each.microseconds, strict=True):

@@ -1,4 +1,4 @@
-"""Time against error of what a user may ask for: ``python -m benchmarks.trade`` prints the table of four kinds of rows.
+"""Time against error of what a user may ask for: ``python -m benchmarks.trade [-o FIGURE.png]``, four kinds of rows.
 
 The paper's row and five kinds made of it, four laws, El Centro. Times are of processors, kernels compiled; errors are
 the largest of any output but numbers of impacts, relative, against the tightest accuracy; scenarios with another number
@@ -11,15 +11,22 @@ import argparse
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import pounding_sweep as ps
 from benchmarks.timing import medians
 from benchmarks.yielding import weakened
-from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.figures.select import use_logarithms
+from pounding_sweep.figures.style import MARKED, finish, in_style, subplots
+from pounding_sweep.model.building import Building
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.variables.registry import DEFAULT_OUTPUTS, Status, comparable, relative_errors
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: Contact laws; the last two are of Hertz' kind, which are stepped by stages.
 LAWS = ("linear", "kelvin_voigt", "hertz", "hertz_damped")
@@ -89,17 +96,33 @@ def dearest_of_less(
     return max(seconds[i] / min(seconds[i + 1 :]) for i in range(len(seconds) - 1))
 
 
-def errors_text(cube: Any, fine: Any) -> str:
-    """Largest error of scenarios that are ok in both cubes, and how many have another number of impacts."""
+def errors_of(cube: Any, fine: Any) -> tuple[float, str]:
+    """Largest error of scenarios that are ok in both cubes, and in words with how many count other impacts."""
     ok = np.ravel((cube["status"] == Status.OK) & (fine["status"] == Status.OK))
     names, n = comparable(DEFAULT_OUTPUTS), cube["status"].ndim
     results, wanted = ({name: c[name].values.reshape(-1, *c[name].shape[n:]) for name in names} for c in (cube, fine))
     errors = relative_errors(names, results, wanted)
     counts = int((errors.pop("impact_count")[ok] > 0.0).sum())
     largest = max(error[ok].max(initial=0.0) for error in errors.values())
-    return (
-        f"{largest:.1e}" + f", {counts} count otherwise" * bool(counts) + f", {(~ok).sum()} not ok" * bool((~ok).any())
-    )
+    others = f", {counts} count otherwise" * bool(counts) + f", {(~ok).sum()} not ok" * bool((~ok).any())
+    return float(largest), f"{largest:.1e}{others}"
+
+
+@in_style()
+def draw(points: dict[str, list[tuple[float, float]]], kinds: list[str]) -> Figure:
+    """Draw the worst error of each setting against its time, a panel for each kind of row."""
+    axes = subplots(1, len(kinds), (0.6, 2.3, 3.6, 0.0), sharey=True)
+    lines: dict[str, list[str]] = {}
+    for name in points:
+        lines.setdefault(
+            "accuracies, 0.1 to 1e-5" if name.startswith("accuracy") else name.replace("`", ""), []
+        ).append(name)
+    for number, (panel, kind) in enumerate(zip(axes[0], kinds, strict=True)):
+        for (label, names), look in zip(lines.items(), MARKED, strict=False):
+            panel.plot(*zip(*(points[name][number] for name in names), strict=True), label=label, **look)
+        panel.set(title=kind, xscale="log", yscale="log")
+        use_logarithms(panel.xaxis)
+    return finish(axes, "processor time (s)", "worst error (-)", legend=4)
 
 
 def main() -> None:
@@ -107,8 +130,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.trade", description=__doc__)
     parser.add_argument("--scenarios", type=int, default=3000, help="scenarios of each kind of row")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS)[:4], help="of rows")
+    parser.add_argument("-o", type=Path, metavar="FIGURE.png", help="draw them, too")
     arguments = parser.parse_args()
     cells: dict[str, list[str]] = {name: [] for name in SETTINGS}
+    points: dict[str, list[tuple[float, float]]] = {name: [] for name in SETTINGS}
     for kind in arguments.kinds:
         fine = sweep_of(kind, arguments.scenarios, **REFERENCE).run()
         for name, how in SETTINGS.items():
@@ -117,10 +142,14 @@ def main() -> None:
             started = time.process_time()
             cube = sweep.run(scheduler="synchronous")
             seconds = time.process_time() - started
-            cells[name].append(f"{seconds:.2f} s, {errors_text(cube, fine)}")
+            error, text = errors_of(cube, fine)
+            cells[name].append(f"{seconds:.2f} s, {text}")
+            points[name].append((seconds, error))
     print(f"| setting | {' | '.join(arguments.kinds)} |\n|---|{'---|' * len(arguments.kinds)}")
     for name, texts in cells.items():
         print(f"| {name} | {' | '.join(texts)} |")
+    if arguments.o:
+        draw(points, arguments.kinds).savefig(arguments.o)
 
 
 if __name__ == "__main__":
