@@ -213,7 +213,7 @@ class Layout:
         worked_out = dict[str, int]()  # by the kernel
         of_modes = self.fixed if coupled else self.shared  # shapes of coupled modes are not those of all rows
         held, shifted_by = spec.links or spec.foundations, 2 * n * len(self.powers)
-        for tables, count, names, there in (
+        for tables, count, names, present in (
             (self.shared, lanes, ("step", "inverse"), True),
             (self.shared, wide, ("sized", "shaken"), True),
             (self.shared, n * wide, ("bound_shaken",), shakes),
@@ -239,7 +239,7 @@ class Layout:
             (self.series, n, ("x", "rate"), not spec.blocks),
             (self.series, 1, ("ground",), not spec.blocks),
         ):
-            tables.update(dict.fromkeys(names, count) if there else {})
+            tables.update(dict.fromkeys(names, count) if present else {})
         #: How many numbers are known before a kernel runs.
         self.n_precomputed = sum(map(padded, self.fixed.values()))
         self.fixed |= worked_out
