@@ -13,7 +13,7 @@ from pounding_sweep.model.faults import Table
 from pounding_sweep.model.frames import typical, typical_building
 from pounding_sweep.model.laws import hertz_stiffness
 from pounding_sweep.model.presets import base_isolated
-from pounding_sweep.model.scene import Bumper, ContactProperties, Link, Scene, Wall
+from pounding_sweep.model.scene import Bumper, ContactProperties, Link, Restrainer, Scene, Wall
 from pounding_sweep.records import near_fault_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.request import build
 from pounding_sweep.request.axes import AXES, FACTOR_KINDS, NAMED_KINDS, Case, Range
@@ -111,8 +111,11 @@ def _fields(model: type[Table], names: Iterable[str] | None = None) -> Keys:
 def _parameters(taker: Callable[..., Any], *more: str, first: str = "") -> Keys:
     """Return the keys that are parameters of what takes them, and those that only files have."""
     found: Keys = {}
+    kinds: dict[str, str] = {}
+    for part in reversed(getattr(taker, "__mro__", [taker])):
+        kinds |= inspect.get_annotations(part)
     for name, parameter in inspect.signature(taker).parameters.items():
-        annotation = taker.__annotations__[name].removesuffix(" | None").partition(", ")[0]
+        annotation = kinds[name].removesuffix(" | None").partition(", ")[0]
         default = parameter.default
         if repr(default).startswith("<factory>") or default == ():
             default = None
@@ -153,6 +156,7 @@ _TABLES: dict[str, tuple[Keys, Callable[..., Any] | None]] = {
     "[scene.contact]": (_parameters(ContactProperties, "hertz"), ContactProperties),
     "[[scene.links]]": (_parameters(Link), Link),
     "[[scene.bumpers]]": (_parameters(Bumper), Bumper),
+    "[[scene.restrainers]]": (_parameters(Restrainer), Restrainer),
     "scene.contact.hertz": (_parameters(hertz_stiffness), hertz_stiffness),
     "[sweep]": (_arguments("sweep"), build_spec),
     "Evenly spaced values": (_parameters(Range), Range),

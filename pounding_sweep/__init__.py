@@ -20,7 +20,7 @@ _HOME = {
         "model.frames": "building_from_modes building_from_opensees typical_building",
         "model.laws": "LAWS Law get_law hertz_stiffness rubber_bumper",
         "model.presets": "base_isolated get_preset",
-        "model.scene": "Bumper ContactProperties Link Scene Wall",
+        "model.scene": "Bumper ContactProperties Link Restrainer Scene Wall",
         "output.netcdf": "open_cube",
         "pages.report": "report",
         "pages.view": "view",
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from pounding_sweep.model.frames import building_from_modes, building_from_opensees, typical_building
     from pounding_sweep.model.laws import LAWS, Law, get_law, hertz_stiffness, rubber_bumper
     from pounding_sweep.model.presets import base_isolated, get_preset
-    from pounding_sweep.model.scene import Bumper, ContactProperties, Link, Scene, Wall
+    from pounding_sweep.model.scene import Bumper, ContactProperties, Link, Restrainer, Scene, Wall
     from pounding_sweep.output.netcdf import open_cube
     from pounding_sweep.pages.report import report
     from pounding_sweep.pages.view import view

@@ -109,11 +109,12 @@ def kernel_shape(
     meets = touching or any(REDUCERS[name].where == "neighbours" for name in wanted)
     contacts = scene.contacts if meets else ()
     smooth = [building.bouc_wen for building in buildings for _ in building.masses]
+    meeting = [(*((c.right, c.left) if c.apart else (c.left, c.right)), c.pair) for c in contacts]
     of_contacts = [_compiled(bumper.law) if bumper and touching else None for bumper in scene.bumper_of]
     bumpers = tuple(dict.fromkeys(filter(None, of_contacts)))
     return KernelSpec(
         storeys=tuple(b.n_storeys for b in buildings),
-        contacts=tuple((c.left, c.right, j if bumpers else c.pair) for j, c in enumerate(contacts)),
+        contacts=tuple((*ends, j if bumpers else pair) for j, (*ends, pair) in enumerate(meeting)),
         n_gaps=len(scene.contacts if bumpers else scene.pair_names),
         law=_compiled(law) if touching else None,
         scheme=numerics.method,
@@ -335,7 +336,7 @@ class RowKernel:
         raw = {name: by_slot[i : i + outputs.count[name]].T for name, i in outputs.first.items()}
         # what status and first touch ask of the scenario beside its results
         raw["scale"] = brought[0][:, None]
-        raw["gap"] = self.scene.of_contacts(brought[1]) - self.scene.thicknesses(self.law.thickness)
+        raw["gap"] = self.scene.clearances(brought[1], self.law.thickness)
         if shape.law is not None:  # factors by which damping shortens contacts, of each law of the kernel
             raw["quickening"] = quickening = np.ones((n, len(shape.laws)))
             quickening[:, 0] = self.law.quickening(brought[3].reshape(n, -1), self.basis).max(axis=1)
@@ -346,11 +347,8 @@ class RowKernel:
 
     def _clearances(self, gaps: np.ndarray) -> np.ndarray:
         """Return the gaps (m) that are left beside bumpers, of pairs or, where there are any, of contacts."""
-        thickness: Any = self.law.thickness
-        if self.shape.bumped:
-            gaps = self.scene.of_contacts(gaps)
-            thickness = self.scene.thicknesses(thickness)
-        return gaps - thickness
+        thickness = self.law.thickness
+        return self.scene.clearances(gaps, thickness) if self.shape.bumped else gaps - thickness
 
     @property
     def _shares_tables(self) -> bool:

@@ -38,12 +38,15 @@ class Contact:
     struck: int = -1  # side whose columns are struck, 0 the left, 1 the right; -1 where floors meet
     xi: float = 1.0  # height of the struck point above the storey's lower floor, over the storey's height
     below: int = -1  # degree of freedom of that lower floor; -1 for the ground
+    restrainer: Any = None  # that holds the floors; None where they meet
+    apart: bool = False  # whether that holds them as they move apart, not together
 
     @property
     def ends(self) -> tuple[tuple[int, float], ...]:
         """Floors that it acts on, walls and the ground left out, and the share of each in the penetration."""
         ends: list[tuple[int, float]] = []
-        for side, floor, sign in ((0, self.left, 1.0), (1, self.right, -1.0)):
+        way = -1.0 if self.apart else 1.0
+        for side, floor, sign in ((0, self.left, way), (1, self.right, -way)):
             if side == self.struck:
                 lower, upper = column_shares(self.xi)
                 ends += [(self.below, sign * lower)] if self.below >= 0 else []
@@ -51,6 +54,13 @@ class Contact:
             elif floor >= 0:
                 ends.append((floor, sign))
         return tuple(ends)
+
+    @property
+    def slack(self) -> float:
+        """How far floors move (m) until a restrainer holds them; NaN where they meet, by the gap of the pair."""
+        return (
+            math.nan if self.restrainer is None else (self.restrainer.closing_slack, self.restrainer.slack)[self.apart]
+        )
 
 
 class Contacts(tuple[Contact, ...]):

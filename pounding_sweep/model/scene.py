@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property, partial
 from typing import Annotated, Any, ClassVar, NamedTuple
@@ -93,6 +93,10 @@ class ContactProperties:
         return {1.0: self.linear_stiffness, 1.5: self.hertz_stiffness}.get(exponent)
 
 
+#: A storey of both neighbours, or one of each.
+_FLOORS = one_or_several(Integer, tuple[Integer, Integer])
+
+
 @checked
 class Link:
     """Springs and dashpots between floors of two neighbours, alike at all the storeys that are named.
@@ -125,7 +129,7 @@ class Link:
 
     pair: str
     storeys: Annotated[
-        Sequence[Annotated[int | Sequence[int], one_or_several(Integer, tuple[Integer, Integer])]],
+        Sequence[Annotated[int | Sequence[int], _FLOORS]],
         Listed,
         Field(min_length=1),
     ]
@@ -240,6 +244,52 @@ class Bumper:
         return float(self.law.quickening(self.restitution, basis))
 
 
+@checked
+class Restrainer(Bumper):
+    """Links between floors of two neighbours, or a floor and a wall, that act in tension only, beyond a slack.
+
+    Cables of a bridge have a slack in tension, a key in its keyway on both sides. In results each side has a label of
+    its own along ``pair``, "NAME in tension" and "NAME in compression": the force of a link is ``impact_force_max``,
+    its stretch beyond the slack ``penetration_max``. As bumpers do, restrainers keep their law in every scenario, and
+    do not act under the law "none".
+
+    Parameters
+    ----------
+    pair : str
+        Name of the pair of neighbours, ``"left-right"``.
+    law : str or Law
+        Force of a link by its stretch beyond the slack: ``"linear"`` by default, ``"kelvin_voigt"`` with damping.
+    stiffness : float
+        Of each link (kN/m**exponent).
+    restitution : float, optional
+        Coefficient of restitution, which the damping follows from; needed by a law that takes one.
+    storeys : sequence of int or (int, int)
+        Storeys of the floors that are restrained: one number where it is the same in both buildings, or beside a wall,
+        otherwise the left building's and the right one's; where floors of the pair meet where not given.
+    slack : float
+        How far floors move apart (m) until a link is taut.
+    closing_slack : float, optional
+        How far they move together (m) until it acts in compression; it does not where not given.
+
+    Raises
+    ------
+    SceneError
+        The law is unknown or has no force, or a number is missing or out of its range.
+
+    Examples
+    --------
+    >>> cables = Restrainer("a-b", stiffness=2e4, slack=0.02)
+    >>> cables.law.key, cables.slack
+    ('linear', 0.02)
+    """
+
+    law: Annotated[Any, BeforeValidator(_read_law), Field(validate_default=True)] = "linear"
+    storeys: Annotated[Sequence[Annotated[int | Sequence[int], _FLOORS]], Listed] = ()  # type: ignore[assignment]
+    thickness: float = field(default=0.0, init=False)
+    slack: NotNegative = 0.0
+    closing_slack: NotNegative | None = None
+
+
 def _kind_of(item: Any) -> str:
     wall = item.get("wall") is True if isinstance(item, dict) else isinstance(item, Wall)
     return "|wall" if wall else "|building"
@@ -277,6 +327,8 @@ class Scene:
         Springs and dashpots between floors of neighbours.
     bumpers : sequence of Bumper, optional
         Contact laws of some pairs, or of storeys of them; sweeps give that of all other contacts.
+    restrainers : sequence of Restrainer, optional
+        Links between floors of neighbours that act beyond a slack only.
 
     Raises
     ------
@@ -305,6 +357,7 @@ class Scene:
     allow_unmet: Flag = field(default=False, kw_only=True)
     links: Annotated[Sequence[Link], Listed] = field(default=(), kw_only=True)
     bumpers: Annotated[Sequence[Bumper], Listed] = field(default=(), kw_only=True)
+    restrainers: Annotated[Sequence[Restrainer], Listed] = field(default=(), kw_only=True)
     #: the buildings of the row, left to right, without walls, and the name of each pair of neighbours
     buildings: tuple[Building, ...] = derived()
     pair_names: tuple[str, ...] = derived()
@@ -371,9 +424,10 @@ class Scene:
                 ("gaps",),
             )
         self._check_meetings()
-        bumper_of: list[Bumper | None] = [None] * len(self.contacts)
+        bumper_of: list[Bumper | None] = [contact.restrainer for contact in self.contacts]
         with Faults() as faults:
-            for name, check in (("links", self._check_link), ("bumpers", partial(self._place_bumper, bumper_of))):
+            place = partial(self._place_bumper, bumper_of)
+            for name, check in (("links", self._check_link), ("bumpers", place), ("restrainers", lambda _: None)):
                 for index, item in enumerate(getattr(self, name)):
                     if item.pair in self.pair_names:
                         faults.attempt((name, index), check, item)
@@ -438,8 +492,8 @@ class Scene:
                     f"pair {name!r} has no floors that meet: {', '.join(where)}{likely}; give slab_depths by which "
                     'they do, contacts = "floors and columns", or allow_unmet = true where they shall miss each other'
                 )
-            for label, group in groups:
-                remaining = [contact for contact in group if contact.storey in limits.get(name, meeting)]
+            groups = [(x, [c for c in group if c.storey in limits.get(name, meeting)]) for x, group in groups]
+            for label, remaining in (*groups, *self._restrained(pair, starts, groups[0][1])):
                 for contact in remaining:
                     mass = float(effective_mass(contact.ends, masses))
                     contacts.append(replace(contact, place=len(labels), mass=mass))
@@ -467,6 +521,33 @@ class Scene:
         )
         self.contacts.kind = kind
 
+    def _restrained(
+        self, pair: int, starts: Sequence[int], level: Sequence[Contact]
+    ) -> Iterator[tuple[str, list[Contact]]]:
+        """Return what restrainers hold of a pair, by label; `level` floors meet."""
+        name, neighbours = self.pair_names[pair], self.row[pair : pair + 2]
+        for apart, sense in ((True, "tension"), (False, "compression")):
+            contacts: dict[int, Contact] = {}
+            for index, item in enumerate(self.restrainers):
+                if item.pair != name or (not apart and item.closing_slack is None):
+                    continue
+                for floors in item.storeys or [(c.left - starts[0] + 1, c.right - starts[1] + 1) for c in level]:
+                    ends = []
+                    for storey, other, start in zip(
+                        np.broadcast_to(floors, 2).tolist(), neighbours, starts, strict=True
+                    ):
+                        if isinstance(other, Building) and not 1 <= storey <= other.n_storeys:
+                            text = f"there is no storey {storey} of {other.name!r}; give one of 1 to {other.n_storeys}"
+                            raise SceneError(text, ("restrainers", index))
+                        ends.append(start + storey - 1 if isinstance(other, Building) else -1)
+                    storey = (ends[0] - starts[0] if ends[0] >= 0 else ends[1] - starts[1]) + 1
+                    if storey in contacts:
+                        text = f"storey {storey} of pair {name!r} has several in {sense}; give one, of their sum"
+                        raise SceneError(text, ("restrainers", index))
+                    contacts[storey] = Contact(pair, storey, ends[0], ends[1], restrainer=item, apart=apart)
+            if contacts:
+                yield f"{name} in {sense}", list(contacts.values())
+
     @cached_property
     def _starts(self) -> tuple[int, ...]:
         """First degree of freedom of each of the row; of a wall, of its right neighbour."""
@@ -488,6 +569,16 @@ class Scene:
         """Return values of shape (n,), or of pairs, (n, pairs), for each contact, (n, contacts)."""
         values, pairs = np.asarray(values, float), [contact.pair for contact in self.contacts]
         return values[:, pairs] if values.ndim > 1 else np.repeat(values[:, None], len(pairs), axis=1)
+
+    def clearances(self, gaps: np.ndarray, others: Any) -> np.ndarray:
+        """Return how far floors move until each contact acts (m), by gaps of pairs and the thickness of `others`."""
+        slack = np.array([contact.slack for contact in self.contacts])
+        return np.where(np.isnan(slack), self.of_contacts(gaps) - self.thicknesses(others), slack)
+
+    @property
+    def fittings(self) -> tuple[Bumper, ...]:
+        """Bumpers and restrainers: what has a law of its own."""
+        return *self.bumpers, *self.restrainers
 
     def thicknesses(self, others: Any = 0.0) -> np.ndarray:
         """Return the thickness (m) at each contact, of its bumper or what all `others` have, shape (..., contacts)."""

@@ -248,7 +248,7 @@ class Demand:
         spec, variants, result = self.spec, self.variants, np.full(len(self.table), np.inf)
         speeds = np.zeros((len(spec.records), len(variants), len(spec.scene.pair_names)))
         # only forces that are not linear make contacts of a duration that depends on the speed
-        if any(law.exponent not in (None, 1.0) for law in (*self.laws, *(b.law for b in spec.scene.bumpers))):
+        if any(law.exponent not in (None, 1.0) for law in (*self.laws, *(b.law for b in spec.scene.fittings))):
             speeds = np.stack([approach_speeds(variants, record) for record in spec.records])
         for i, rows in self.table.by_law():
             part = self.table[rows]
@@ -261,7 +261,7 @@ class Demand:
         """Return what laws need, `refinement` of exact flight, else steps in the shortest time, and the worst error."""
         method, precision = scheme
         spec, need, worst, of_bumpers = self.spec, dict[str, float](), (0.0, ""), 0.0
-        for law in (*(bumper.law for bumper in spec.scene.bumpers), *self.laws):
+        for law in (*(bumper.law for bumper in spec.scene.fittings), *self.laws):
             # a law of a user's own has no curves: its scenarios begin as those of the law that asks for most
             similar = [law.key] if LAWS.get(law.key) == law else list(LAWS)
             try:
@@ -405,7 +405,7 @@ def advise(demand: Demand) -> Choice:
     lengths = np.concatenate([interval[table.record] / steps, (interval[:, None] / used).ravel()])
     low, high = int(counts.min()), int(counts.max())
     number = f"{low if low == high else f'{low} to {high}'} step{'s' * (high > 1)}"
-    laws = (*spec.user_laws, *(bumper.law for bumper in spec.scene.bumpers))
+    laws = (*spec.user_laws, *(bumper.law for bumper in spec.scene.fittings))
     numbers = {
         "accuracy": spec.accuracy,
         "method": method,

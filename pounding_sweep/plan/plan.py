@@ -404,8 +404,8 @@ def untouched(plan: Plan, closing: np.ndarray) -> np.ndarray:
     """Rows of the unique table in which no pair can ever touch, by the ``closing_max`` of `uncoupled_runs`."""
     scene, table = plan.spec.scene, plan.unique
     laws, result = np.array([law.thickness for law in plan.laws])[table.law], np.ones(len(table), bool)
-    for contact, bumper in zip(scene.contacts, scene.bumper_of, strict=True):
+    clearances = scene.clearances(table.gaps, laws)
+    for j, contact in enumerate(scene.contacts):
         most = np.maximum(closing[:, contact.place, contact.storey - 1], 0.0)  # infinite or NaN where it is not known
-        clear = table.gaps[:, contact.pair] - (laws if bumper is None else bumper.thickness)
-        result &= clear >= (most * (1.0 + CLOSING_MARGIN))[plan.uncoupled_of]
+        result &= clearances[:, j] >= (most * (1.0 + CLOSING_MARGIN))[plan.uncoupled_of]
     return result | plan.no_contact

@@ -337,8 +337,10 @@ class _Reader:
     def _law(self, value: Any) -> Law:
         """Return a law that the scene allows."""
         law = self.find_by_name(value) if isinstance(value, str) else find_law(value)
-        if self.scene and law.impulsive and self.scene.bumpers:
-            raise InputError(f"law {law.key!r} has no force, as bumpers have; give another law, or no bumpers")
+        if self.scene and law.impulsive and self.scene.fittings:
+            raise InputError(
+                f"law {law.key!r} has no force, as bumpers and restrainers have; give another law, or none of these"
+            )
         struck = self.scene is not None and any(contact.struck >= 0 for contact in self.scene.contacts)
         if struck and law.has_contact and law.exponent != 1.0:
             usable = ", ".join(key for key, law in LAWS.items() if law.exponent == 1.0)
@@ -637,7 +639,7 @@ class _Reader:
             elif precision and (why := scheme.refuses(scene, precision)) is not None:
                 add(("precision",), f'method {method!r} {why}; give precision = "float64", or a method that steps')
         located = ["accuracy"] * automatic + [f"method {method!r}"] * bool(scheme and scheme.flies_exactly)
-        bumpers, buildings = (scene.bumpers, scene.buildings) if scene else ((), ())
+        bumpers, buildings = (scene.fittings, scene.buildings) if scene else ((), ())
         laws = (*self.laws.values(), *(bumper.law for bumper in bumpers))
         located += [f"law {law.key!r}" for law in laws if law.impulsive or law.yields]
         located += [f"building {item.name!r}, whose storeys yield," for item in buildings if any(item.yields)]

@@ -19,7 +19,7 @@ from pounding_sweep.model.building import Building
 from pounding_sweep.model.faults import number_check
 from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.model.meeting import Contacts
-from pounding_sweep.model.scene import Scene
+from pounding_sweep.model.scene import Restrainer, Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.records import STANDARD_GRAVITY, Record
 from pounding_sweep.request.axes import BUILDING_DEFAULTS, NAMED_KINDS, Axis, AxisValues, Case, axes_of, case_of
@@ -262,7 +262,7 @@ def overview(scene: Scene) -> list[tuple[str, str]]:
     Examples
     --------
     >>> from pounding_sweep.model.building import Building
-    >>> from pounding_sweep.model.scene import Scene
+    >>> from pounding_sweep.model.scene import Restrainer, Scene
     >>> a, b = Building("a", [100.0] * 2, [1e5] * 2), Building("b", [80.0] * 2, [2e5] * 2, storey_heights=[3.0, 4.0])
     >>> for name, text in overview(Scene([a, b], [0.01])):
     ...     print(f"{name}: {text}")
@@ -314,16 +314,20 @@ def _pair(scene: Scene, pair: int) -> str:
     left, right = scene.row[pair : pair + 2]
     elevations = [z for item in scene.buildings for z in item.levels]
     contacts = [contact for contact in scene.contacts if contact.pair == pair]
-    meets = [elevations[c.right if c.left < 0 else c.left] for c in contacts if c.struck < 0]
+    meets = [elevations[c.right if c.left < 0 else c.left] for c in contacts if c.struck < 0 and not c.restrainer]
     limited = " (limited by the scene)" if scene.pair_names[pair] in dict(scene.storeys) else ""
     parts = [f"floors meet at {_listed(sorted(meets))} m{limited}" if meets else f"no floors meet{limited}"]
-    for bumper in (bumper for bumper in scene.bumpers if bumper.pair == scene.pair_names[pair]):
+    for bumper in (bumper for bumper in scene.fittings if bumper.pair == scene.pair_names[pair]):
         places = zip(scene.contacts, scene.bumper_of, strict=True)
-        storeys = _listed([contact.storey for contact, other in places if other is bumper])
+        storeys = _listed(sorted({contact.storey for contact, other in places if other is bumper}))
         thick = f"{1e3 * bumper.thickness:g} mm, " if bumper.thickness else ""
         text = f"{thick}k = {bumper.stiffness:.4g} {bumper.law.stiffness_unit}"
         text += f", e = {bumper.restitution:g}" if bumper.restitution is not None else ""
-        parts.append(f"storeys {storeys} with bumpers {bumper.law.key!r}: {text}")
+        if isinstance(bumper, Restrainer):
+            closing = "" if bumper.closing_slack is None else f", {1e3 * bumper.closing_slack:g} mm together"
+            text = f"slack {1e3 * bumper.slack:g} mm apart{closing}, {text}"
+        kind = "restrainers" if isinstance(bumper, Restrainer) else "bumpers"
+        parts.append(f"storeys {storeys} with {kind} {bumper.law.key!r}: {text}")
     for side, facing in enumerate(scene.faced(pair)):
         item, other = (left, right)[:: 1 - 2 * side]
         struck = {contact.storey for contact in contacts if contact.struck == 1 - side}

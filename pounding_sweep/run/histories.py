@@ -81,7 +81,7 @@ def histories(kernel: RowKernel, states: np.ndarray, record: Record, time: np.nd
         for floor, share in contact.ends:
             shares[j, floor] = share
     linked = np.array([floors[link.left] - floors[link.right] for link in links]).reshape(-1, n)
-    gaps = scene.of_contacts([scene.gaps])[0] - scene.thicknesses(kernel.law.thickness)
+    gaps = scene.clearances(np.array([scene.gaps]), kernel.law.thickness)[0]
     force = part.get("force", np.zeros((len(time), len(contacts))))
     pull = u @ linked.T * [link.stiffness for link in links] + v @ linked.T * [link.damping for link in links]
     labels = np.equal.outer([contact.place for contact in contacts], range(len(scene.pair_labels)))

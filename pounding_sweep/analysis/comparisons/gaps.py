@@ -306,7 +306,7 @@ def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> xr
             result[f"{name}_{end}"] = part.isel(building=side).where(side >= 0, 1.0).reset_coords(drop=True)
     two = (sides[0] >= 0) & (sides[1] >= 0)
     level = [
-        sum(contact.pair == pair and contact.struck < 0 for contact in scene.contacts)
+        sum(contact.pair == pair and contact.struck < 0 and not contact.restrainer for contact in scene.contacts)
         == min(item.n_storeys for item in scene.row[pair : pair + 2] if isinstance(item, Building))
         for pair in scene.pair_of_label
     ]

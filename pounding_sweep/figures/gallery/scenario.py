@@ -103,7 +103,7 @@ def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = 
     for number, (panel, gap) in enumerate(zip(axes[:, 0], 1e3 * np.array(scene.gaps), strict=True)):
         faces = {gap}
         for contact, thickness in zip(scene.contacts, scene.thicknesses(), strict=True):
-            if contact.pair != number:
+            if contact.pair != number or contact.restrainer:
                 continue
             relative = sum(share * floors[:, floor] for floor, share in contact.ends)
             label = f"storey {contact.storey}{' and columns' if contact.struck >= 0 else ''}"
