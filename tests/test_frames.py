@@ -12,6 +12,7 @@ from scenes import pair
 from scipy.optimize import brentq
 
 import pounding_sweep as ps
+from benchmarks.frames import FLOORS, build_frame, difference, fitted_chain
 from pounding_sweep.model.frames import cantilever_flexibility
 
 MASSES = [120.0, 110.0, 90.0, 70.0]
@@ -100,25 +101,7 @@ def frame():
     ops = pytest.importorskip("openseespy.opensees")
 
     def build(walls=False):
-        ops.wipe()
-        ops.model("basic", "-ndm", 2, "-ndf", 3)
-        for floor in range(7):
-            for column in range(4):
-                ops.node(10 * floor + column, 6.0 * column, 3.5 * floor)
-                if floor == 0:
-                    ops.fix(column, 1, 1, 1)
-                else:
-                    ops.mass(10 * floor + column, 30.0 if floor < 6 else 24.0, 0.0, 0.0)
-        ops.geomTransf("Linear", 1)
-        for floor in range(1, 7):
-            for column in range(4):
-                inertia = 1.2 if walls and column == 3 else 0.4**4 / 12
-                ends = 10 * (floor - 1) + column, 10 * floor + column
-                ops.element("elasticBeamColumn", 100 + ends[1], *ends, 0.25, 3e7, inertia, 1)
-            for column in range(3):
-                ends = 10 * floor + column, 10 * floor + column + 1
-                ops.element("elasticBeamColumn", 200 + ends[0], *ends, 0.15, 3e7, 0.3 * 0.6**3 / 12, 1)
-                ops.equalDOF(10 * floor, 10 * floor + column + 1, 1)
+        build_frame(ops, walls)
         ops.timeSeries("Linear", 1)
         ops.pattern("Plain", 1, 1)
         ops.load(60, 100.0, 0.0, 0.0)
@@ -126,9 +109,6 @@ def frame():
 
     yield build
     ops.wipe()
-
-
-FLOORS = {floor: [10 * floor + column for column in range(4)] for floor in range(1, 7)}
 
 
 @pytest.mark.parametrize("walls", [False, True])
@@ -149,6 +129,22 @@ def test_a_model_of_opensees_becomes_its_building(frame, walls):
     assert ops.nodeDisp(60, 1) == pytest.approx(100.0 * np.linalg.inv(building.stiffness_matrix)[5, 5], rel=1e-9)
     with pytest.raises(ps.PoundingSweepError, match="has moved"):
         ps.building_from_opensees(ops, FLOORS)
+
+
+def test_the_fitted_chain_has_the_first_mode():
+    building = ps.typical_building("a", 6, 0.9, 100.0, kind="walls")
+    chain = fitted_chain(building)
+    assert chain.periods[0] == pytest.approx(building.periods[0], rel=1e-9)
+    assert abs(chain.modes[1][:, 0]) == pytest.approx(abs(building.modes[1][:, 0]), rel=1e-9)
+    assert chain.periods[1] > 1.5 * building.periods[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("walls", "beside", "most"), [(False, False, 1e-4), (True, True, 1e-3)])
+def test_histories_are_those_of_opensees(frame, walls, beside, most):
+    record = ps.find_record("el_centro")
+    cut = ps.Record("cut", record.dt, record.acceleration[:250])
+    assert difference(frame(), walls, beside, cut)[0] < most
 
 
 def test_models_of_opensees_that_are_refused(frame):
