@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.calibrate import OUTPUTS, closing
-from pounding_sweep.model.building import BoucWen, Building, Foundation
+from pounding_sweep.model.building import Building, Foundation
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.scene import Bumper, Link, Scene, Wall
 from pounding_sweep.records import Record, read_record, resolve_record, synthetic_record
@@ -63,8 +63,8 @@ def _leans(building: Building, random: np.random.Generator) -> Building:
 
 
 def _smooth(building: Building, random: np.random.Generator) -> Building:
-    law = BoucWen(float(random.choice([1.0, 2.0, 5.0])))
-    return replace(building, **_strengths(building, random), bouc_wen=law)
+    law = {"law": "bouc_wen", "n": float(random.choice([1.0, 2.0, 5.0]))}
+    return replace(building, **_strengths(building, random), hysteresis=law)
 
 
 def _dashed(building: Building, random: np.random.Generator) -> Building:

@@ -30,7 +30,7 @@ GAP, CLOSED = 2, 3
 def rows() -> dict[str, ps.Scene]:
     """Three buildings on soft soil, and the same on a fixed base with storeys of Bouc and Wen."""
     founded = ps.load_sweep(Path(__file__).parents[1] / "sweeps" / "foundations.toml").spec.scene
-    law: dict[str, Any] = {"hardening": 0.05, "bouc_wen": ps.BoucWen(2.0, 0.5, 0.5), "foundation": None}
+    law: dict[str, Any] = {"hardening": 0.05, "hysteresis": {"law": "bouc_wen", "n": 2.0}, "foundation": None}
     pairs = zip(founded.buildings, STRENGTHS, strict=True)
     smooth = replace(founded, row=[replace(b, yield_strengths=strength, **law) for b, strength in pairs])
     return {"foundations": founded, "Bouc-Wen": smooth}
@@ -59,10 +59,10 @@ def by_heyoka(scene: ps.Scene, tolerance: float) -> tuple[np.ndarray, float]:
     rate = [sum(-stiff[i, j] / mass[i] * u[j] - damped[i, j] / mass[i] * v[j] for j in range(n)) for i in range(n)]
     rate = [a - ground if i < scene.n_dof or (i - scene.n_dof) % 2 == 0 else a for i, a in enumerate(rate)]
     flow, kinks = [], []
-    for i in (i for i, smooth in enumerate(scene.smooth) if smooth):
+    for i in (spring.floor for spring in scene.springs if not spring.law.straight):
         floors = [(i, 1.0)] if i in scene.offsets else [(i, 1.0), (i - 1, -1.0)]
         drift, moves = (sum(w * x[j] for j, w in floors) for x in (u, v))
-        law, signs = scene.buildings[0].bouc_wen, [hy.par[CLOSED + len(contacts) + 2 * i + side] for side in (0, 1)]
+        law, signs = scene.buildings[0].hysteresis, [hy.par[CLOSED + len(contacts) + 2 * i + side] for side in (0, 1)]
         assert law is not None
         share = (z[i] / row.yield_drifts[0, i]) ** 2 * (law.gamma + law.beta * signs[0] * signs[1])
         flow.append((z[i], moves - share * moves))

@@ -51,7 +51,7 @@ def _founded(building: Building) -> Building:
 
 
 def _smooth(building: Building) -> Building:
-    return replace(building, bouc_wen=ps.BoucWen(2.0))
+    return replace(building, hysteresis={"law": "bouc_wen", "n": 2.0})
 
 
 def _leaning(building: Building) -> Building:

@@ -8,12 +8,13 @@ from typing import Any
 
 from numpydoc.docscrape import NumpyDocString
 
-from pounding_sweep.model.building import BoucWen, Building, Foundation
+from pounding_sweep.model.building import Building, Foundation
 from pounding_sweep.model.faults import Table
 from pounding_sweep.model.frames import typical, typical_building
 from pounding_sweep.model.laws import hertz_stiffness
 from pounding_sweep.model.presets import base_isolated
 from pounding_sweep.model.scene import Bumper, ContactProperties, Link, Restrainer, Scene, Wall
+from pounding_sweep.model.storeys import STOREY_LAWS
 from pounding_sweep.records import near_fault_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.request import build
 from pounding_sweep.request.axes import AXES, FACTOR_KINDS, NAMED_KINDS, Case, Range
@@ -89,7 +90,7 @@ _WORDS = {
     "Annotated[Number": "a number",
     "ContactProperties": "a table",
     "Foundation": "a table",
-    "BoucWen": "a table",
+    "Hysteresis": "a table",
     "Annotated[Any": "a name, or FILE.py:NAME",
     "Any": "a text or a table",
 }
@@ -116,6 +117,7 @@ def _parameters(taker: Callable[..., Any], *more: str, first: str = "") -> Keys:
         kinds |= inspect.get_annotations(part)
     for name, parameter in inspect.signature(taker).parameters.items():
         annotation = kinds[name].removesuffix(" | None").partition(", ")[0]
+        annotation = "str" if annotation.startswith("Literal[") else annotation
         default = parameter.default
         if repr(default).startswith("<factory>") or default == ():
             default = None
@@ -145,7 +147,10 @@ def _arguments(section: str) -> Keys:
 _TABLES: dict[str, tuple[Keys, Callable[..., Any] | None]] = {
     "[scene]": (_parameters(Scene, "preset"), Scene),
     "[[scene.row]], a building": (_parameters(Building, "isolation", "typical"), Building),
-    "bouc_wen of a building": (_parameters(BoucWen), BoucWen),
+    **{
+        f'hysteresis of a building, law = "{name}"': (_parameters(law.Parameters), law.Parameters)
+        for name, law in STOREY_LAWS.items()
+    },
     "foundation of a building": (_parameters(Foundation), Foundation),
     "isolation of a building": (
         {name: keys for name, keys in _parameters(base_isolated).items() if name != "building"},
@@ -217,7 +222,7 @@ def key_tables() -> str:
     """Return all tables as Markdown; KeyError where the schema has a key that nothing explains."""
     lines: list[str] = []
     for heading, (table, taker) in _TABLES.items():
-        said = _meanings(taker)
+        said = {"law": "Which it is."} | _meanings(taker)
         lines += [f"### {heading if heading[0].isupper() else f'`{heading}`'}", ""]
         lines += ["| key | value | default | meaning |", "|---|---|---|---|"]
         for key, (words, default) in table.items():

@@ -352,6 +352,18 @@ def minimum(a: Any, b: Any) -> Any:
     return _where(a > b, b, a, fenced=False)
 
 
+def power_of(x: Any, exponent: float) -> Any:
+    """Return x to a constant power: products and roots where they do, of which lanes have instructions; else x >= 0."""
+    n, quarters = divmod(4.0 * exponent, 4.0)
+    if not (0.0 <= exponent <= 4.0 and quarters == round(quarters)):
+        return power(maximum(x, 0.0), exponent)
+    factors = [x] * int(n)
+    if quarters:
+        root = sqrt(maximum(x, 0.0))
+        factors += [root] * (quarters >= 2.0) + ([sqrt(root)] if quarters % 2.0 else [])
+    return math.prod(factors[1:], start=factors[0]) if factors else 1.0
+
+
 def any_lane(mask: Any) -> Any:
     """Whether a mask holds in any lane."""
     trace = _trace_of(mask)

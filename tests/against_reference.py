@@ -26,9 +26,15 @@ def motion(points, scale=1.0):
 #: Fields of buildings that the reference knows.
 KNOWN = (
     *("name", "masses", "stiffnesses", "damping_ratio", "storey_heights", "slab_depths", "column_stiffnesses"),
-    *("yield_strengths", "hardening", "damping_stiffness", "bouc_wen", "p_delta", "dashpots", "foundation"),
+    *("yield_strengths", "hardening", "damping_stiffness", "hysteresis", "p_delta", "dashpots", "foundation"),
     *("stiffness_matrix", "damping_matrix", "modal_damping"),
 )
+
+
+def parameters_of_bouc_wen(building):
+    """n, beta and gamma; None of another law."""
+    (law,) = building.elements
+    return (law.n, law.beta, law.gamma) if law.law == "bouc_wen" else None
 
 
 def buildings_of(scene):
@@ -37,6 +43,8 @@ def buildings_of(scene):
         for each in fields(b):
             if each.name not in KNOWN and each.init and getattr(b, each.name) != each.default:
                 raise NotImplementedError(f"tests/reference.py knows no {each.name} of buildings; add it there")
+        if any(element.law not in ("bilinear", "bouc_wen") for element in b.elements) or len(b.elements) > 1:
+            raise NotImplementedError("tests/reference.py knows storeys of one element, bilinear or of Bouc and Wen")
     return [
         WALL
         if isinstance(b, ps.Wall)
@@ -53,7 +61,7 @@ def buildings_of(scene):
             yield_strengths=b.yield_strengths,
             hardening=b.hardening,
             tangent_damping=b.damping_stiffness == "tangent",
-            bouc_wen=None if b.bouc_wen is None else (b.bouc_wen.n, b.bouc_wen.beta, b.bouc_wen.gamma),
+            bouc_wen=parameters_of_bouc_wen(b),
             p_delta=b.p_delta,
             dashpots=b.dashpots,
             foundation=None if b.foundation is None else tuple(vars(b.foundation).values()),

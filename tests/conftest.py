@@ -7,6 +7,7 @@ from contextlib import nullcontext
 from functools import cache as once
 from pathlib import Path
 
+import numba
 import pytest
 import typer.testing
 from hypothesis import HealthCheck, settings
@@ -44,7 +45,7 @@ def pytest_configure(config):
     ask = compile.get_kernel
 
     def get_kernel(shape):
-        if NOW and shape not in kernels():
+        if NOW and not numba.config.DISABLE_JIT and shape not in kernels():
             pytest.fail(f"{NOW[0]} asks for a kernel that is not one of `kernels_used`; mark it slow: {shape}")
         return ask(shape)
 
@@ -132,3 +133,12 @@ def stub_module():
     """Do so for all tests of a module, and its fixtures."""
     with installed() as stub:
         yield stub
+
+
+@pytest.fixture
+def twin(monkeypatch):
+    """Let kernels run as Python on arrays: nothing is compiled."""
+    monkeypatch.setattr(numba.config, "DISABLE_JIT", True)
+    compile.get_kernel.cache_clear()
+    yield
+    compile.get_kernel.cache_clear()

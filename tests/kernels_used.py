@@ -75,10 +75,10 @@ LEANING_YIELDS = ps.Scene(
 #: The row that leans, with storeys of Bouc and Wen; and the schemes that run it.
 SMOOTH = ps.Scene(
     [
-        replace(building, yield_strengths=strengths, hardening=hardening, bouc_wen=law)
+        replace(building, yield_strengths=strengths, hardening=hardening, hysteresis=law)
         for building, strengths, hardening, law in (
-            (LEANING.buildings[0], [150.0, 90.0], 0.1, {"n": 1.0, "beta": 0.6, "gamma": 0.3}),
-            (LEANING.buildings[1], [180.0, 140.0], 0.05, {"n": 2.0}),
+            (LEANING.buildings[0], [150.0, 90.0], 0.1, {"law": "bouc_wen", "n": 1.0, "beta": 0.6, "gamma": 0.3}),
+            (LEANING.buildings[1], [180.0, 140.0], 0.05, {"law": "bouc_wen", "n": 2.0}),
         )
     ],
     [0.005],

@@ -278,7 +278,7 @@ FEATURES = {
     "bumpers": (BUMPED, pair(), {"bumped": (1, 1, 0, 0, 2, 0)}, set()),
     "columns": (STAGGERED, replace(pair(), contacts="floors and columns"), {"struck": (1, 0, 0, -1)}, set()),
     "weights": (LEANING_YIELDS, pair(), {"p_delta": True, "falling": (0, 1, 2)}, set()),
-    "smooth": (SMOOTH, pair(), {"smooth": ((0, 1.0), (1, 1.0), (2, 2.0), (3, 2.0)), "bilinear": ()}, set()),
+    "flowing": (SMOOTH, pair(), {"flowing": (0, 1, 2, 3)}, set()),
 }  # fmt: skip
 _MOTION = ps.Record("cut", 0.02, ps.find_record("el_centro").acceleration[50:151])
 _LINKED_SWEEP = {

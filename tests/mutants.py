@@ -48,13 +48,13 @@ MUTANTS = (
     ),
     # storeys that yield bear a little less than their strength
     (
-        "kernel/hysteresis.py",
-        "yielding = phase * (soft * storey.yield_drift)",
-        "yielding = phase * (soft * 0.99 * storey.yield_drift)",
+        "model/storeys/bilinear.py",
+        "yielding = spring.phase * (soft * spring.yield_drift)",
+        "yielding = spring.phase * (soft * 0.99 * spring.yield_drift)",
         "test_kinds_of_rows.py::test_every_variable_equals_the_reference",
     ),
     # the plastic drift of Bouc and Wen flows while it unloads as while it loads
-    ("kernel/bouc_wen.py", "where(z * v < 0.0, -beta, beta)", "beta", "test_bouc_wen.py"),
+    ("model/storeys/bouc_wen.py", "where(z * v < 0.0, -beta, beta)", "beta", "test_bouc_wen.py"),
     # dampers beside contacts that are stepped by series pull a little less
     ("kernel/series.py", "contact.c_active * w)", "0.99 * contact.c_active * w)", "test_series.py"),
     # the ground pushes a little less inside the steps of flight

@@ -327,7 +327,7 @@ TIED = replace(PAIR, links=[ps.Link("a-b", [1], stiffness=3e4, damping=500.0)])
 SMOOTH, FOUNDED = (
     ps.Scene([ps.Building("a", [70.0, 60.0], [1.9e5, 1.5e5], **kind), ps.Building("b", [40.0], [5e4])], gaps=[0.0005])
     for kind in (
-        {"yield_strengths": [200.0, 150.0], "hardening": 0.05, "bouc_wen": {"n": 2.0}},
+        {"yield_strengths": [200.0, 150.0], "hardening": 0.05, "hysteresis": {"law": "bouc_wen", "n": 2.0}},
         {"foundation": ps.Foundation(60.0, 400.0, 6e5, 9e6, sway_damping=2e3, rocking_damping=2e4)},
     )
 )

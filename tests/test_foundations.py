@@ -122,13 +122,13 @@ def test_storeys_of_bouc_and_wen_on_a_foundation_equal_an_integration():
     smooth = replace(SMOOTH.buildings[0], p_delta=False, foundation=SOFT)
     record = motion(151, 1.0)
     one = ps.simulate(ps.Scene([smooth]), record, law="none", dt=2e-4)
-    mass, damping, stiff = classical(replace(smooth, yield_strengths=None, hardening=0.0, bouc_wen=None))
+    mass, damping, stiff = classical(replace(smooth, yield_strengths=None, hardening=0.0, hysteresis=None))
     drift = np.eye(2) - np.eye(2, k=-1)
     k, strength, r, law = (
         np.array(smooth.stiffnesses),
         np.array(smooth.yield_strengths),
         smooth.hardening,
-        smooth.bouc_wen,
+        smooth.hysteresis,
     )
     n, beta, gamma = law.n, law.beta, law.gamma
 

@@ -135,7 +135,7 @@ def test_a_scene_without_it_asks_for_the_kernel_that_it_had(name):
     for law, method in itertools.product(("none", "linear"), ("rk4", "exact")):
         asked = [kernel_shape(s, LAWS[law], Numerics(method, 1e-3), reducers_for(EVERY)) for s in (none, pair())]
         assert asked[0] == asked[1]
-        assert not any(getattr(asked[0], each) for each in shape if each not in ("n_moving", "bilinear", "p_delta"))
+        assert not any(getattr(asked[0], each) for each in shape if each not in ("n_moving", "p_delta"))
         assert not reducers & asked[0].reducers
     asked = kernel_shape(scene, LAWS["linear"], Numerics("rk4", 1e-3), reducers_for(EVERY))
     assert {each: getattr(asked, each) for each in shape} == shape

@@ -164,8 +164,10 @@ def test_a_row_that_falls_is_its_twin_up_to_the_fall(method, dt, bound):
 def test_a_smooth_storey_falls_when_scipy_says_so():
     """Bouc and Wen with P-Delta, its three equations written out."""
     m, k, h, strength, r, n, beta, gamma = 100.0, 3e3, 3.0, 150.0, 0.02, 2.0, 0.5, 0.5
-    law = {"n": n, "beta": beta, "gamma": gamma}
-    building = ps.Building("a", [m], [k], 0.0, [h], yield_strengths=[strength], hardening=r, p_delta=True, bouc_wen=law)
+    law = {"law": "bouc_wen", "n": n, "beta": beta, "gamma": gamma}
+    building = ps.Building(
+        "a", [m], [k], 0.0, [h], yield_strengths=[strength], hardening=r, p_delta=True, hysteresis=law
+    )
     time = np.arange(301) * 0.01
     ground = 3.0 * np.sin(1.6 * np.pi * time) + 0.3
 

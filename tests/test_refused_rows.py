@@ -11,7 +11,6 @@ from kinds import TOWER_ABOVE, A, B
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SceneError
-from pounding_sweep.model.building import BoucWen
 
 PAD = BUMPED.bumpers[0]
 #: What is made of the values of a test.
@@ -33,7 +32,10 @@ REFUSED = {
         ({"damping_ratio": np.nan}, "damping_ratio: nan won't do; it must be greater than or equal to 0"),
     ],
     "smooth": [
-        ({"bouc_wen": BoucWen(), "damping_stiffness": "tangent"}, r"bouc_wen has no tangent stiffness that is one"),
+        (
+            {"hysteresis": {"law": "bouc_wen"}, "damping_stiffness": "tangent"},
+            r"bouc_wen has no tangent stiffness that is one",
+        ),
     ],
     "link": [
         (("a-b", [3], 1.0), r"links\[0\]: there is no storey 3 of 'a'; give one of 1 to 2"),

@@ -65,7 +65,7 @@ def only(**change):
         ({"damping_ratio": [0.2, 0.01]}, "damping_ratio"),
         ({"hardening": 0.1}, "hardening"),
         ({"damping_stiffness": "tan", "yield_strengths": [3.0, INF]}, "damping_stiffness"),
-        ({"bouc_wen": {"n": 0.5}, "yield_strengths": [3.0, INF]}, "bouc_wen.n"),
+        ({"hysteresis": {"law": "bouc_wen", "n": 0.5}, "yield_strengths": [3.0, INF]}, "hysteresis.n"),
         ({"p_delta": True, "storey_heights": [1e-3, 3.0]}, "p_delta"),
         ({"foundation": {"mass": 0, "inertia": 1, "sway_stiffness": 1, "rocking_stiffness": 1}}, "foundation.mass"),
     ],

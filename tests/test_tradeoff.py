@@ -123,7 +123,7 @@ def test_errors_are_those_against_the_oracle(trade, oracle, method, located, dt)
 @pytest.mark.parametrize(("gap", "scheme"), [(0.0, "exact"), (1e-6, "rk4")])
 def test_floors_at_rest_have_an_exact_reference(gap, scheme):
     assert reference_scheme(SCENE, np.array([[0.01], [gap]])) == scheme
-    smooth = ps.Building("a", [120.0], [1e4], yield_strengths=[50.0], bouc_wen={"n": 1.0})
+    smooth = ps.Building("a", [120.0], [1e4], yield_strengths=[50.0], hysteresis={"law": "bouc_wen"})
     beside = ps.Scene([smooth, ps.Building("b", [80.0], [2e4])], [0.0])
     assert (reference_scheme(beside, np.zeros((1, 1))) == "exact") == (SCHEMES["exact"].refuses(beside) is None)
 

@@ -23,7 +23,7 @@ from pounding_sweep.base.files import read_data
 from pounding_sweep.engine.postprocess import displacement_limit, energy_limit
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
-from pounding_sweep.model.building import BoucWen, Building, Foundation
+from pounding_sweep.model.building import Building, Foundation
 from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.model.meeting import CONTACTS
 from pounding_sweep.model.scene import Scene, Wall
@@ -81,7 +81,7 @@ class Batch:
     @property
     def outputs(self) -> tuple[str, ...]:
         """What a run reports."""
-        if any(self.scene.smooth):  # whose plastic drift flows on as they unload: none is residual
+        if self.scene.flows:  # whose plastic drift flows on as they unload: none is residual
             return (*OUTPUTS, *YIELDING_PEAKS)
         return (*OUTPUTS, *YIELDING_OUTPUTS) if any(self.scene.yields) else OUTPUTS
 
@@ -139,10 +139,14 @@ def beside_wall(damping: float = 0.05) -> Scene:
 
 
 def yielding_pair(
-    strength: float, hardening: float, damping_stiffness: str = "initial", bouc_wen: BoucWen | None = None
+    strength: float, hardening: float, damping_stiffness: str = "initial", hysteresis: dict[str, Any] | None = None
 ) -> Scene:
     """Return `pair`, whose left building yields at that strength (m/s2), and the right one at 1 m/s2."""
-    settings: dict[str, Any] = {"hardening": hardening, "damping_stiffness": damping_stiffness, "bouc_wen": bouc_wen}
+    settings: dict[str, Any] = {
+        "hardening": hardening,
+        "damping_stiffness": damping_stiffness,
+        "hysteresis": hysteresis,
+    }
     buildings = []
     for building, acceleration in zip(pair().buildings, (strength, 1.0), strict=True):
         above = np.cumsum(building.masses[::-1])[::-1]
@@ -179,7 +183,7 @@ SCENES: dict[str, Callable[..., Scene]] = {
     "mass ratio": lambda ratio: pair(ratio=ratio),
     "damping": lambda damping: pair(damping=damping),
     "yielding": yielding_pair,
-    "smooth": lambda strength, n: yielding_pair(strength, 0.05, bouc_wen=BoucWen(n)),
+    "smooth": lambda strength, n: yielding_pair(strength, 0.05, hysteresis={"law": "bouc_wen", "n": n}),
     "staggered": staggered,
     "struck column": lambda xi: staggered(3.0 + 3.0 * xi),
     "bases": on_bases,

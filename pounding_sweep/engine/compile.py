@@ -42,6 +42,7 @@ SOURCES = (
     "schemes",
     "variables",
     "engine/kernel.py",
+    "model/storeys",
     "model/formula.py",
     "model/laws.py",
     "model/rebound.py",

@@ -83,8 +83,8 @@ def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
         with np.errstate(divide="ignore"):
             hard = np.where(r > 0.0, held / np.sqrt(r), np.inf)
         soft = (1.0 - variants.elastic_hardenings) * variants.yield_strengths
-        # what a smooth storey loses on its way is not known by its drift
-        slid = np.where(scene.smooth, np.inf, held + twice / soft)
+        slid = held + twice / soft
+        slid[:, [spring.floor for spring in scene.springs if not spring.law.bounds_drifts]] = np.inf
         # no energy bounds the drift of one that softens under its weight, but the limit at which it falls, and rounding
         storeys = np.where(r < 0.0, 1.01 * variants.drift_limits, np.minimum(hard, slid))
     parts = np.split(storeys, scene.offsets[1:-1], axis=1)

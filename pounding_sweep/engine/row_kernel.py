@@ -108,7 +108,6 @@ def kernel_shape(
         wanted |= {"collapse"}
     meets = touching or any(REDUCERS[name].where == "neighbours" for name in wanted)
     contacts = scene.contacts if meets else ()
-    smooth = [building.bouc_wen for building in buildings for _ in building.masses]
     meeting = [(*((c.right, c.left) if c.apart else (c.left, c.right)), c.pair) for c in contacts]
     of_contacts = [_compiled(bumper.law) if bumper and touching else None for bumper in scene.bumper_of]
     bumpers = tuple(dict.fromkeys(filter(None, of_contacts)))
@@ -127,11 +126,10 @@ def kernel_shape(
         precision=numerics.precision,
         varied=varied,
         windows=windows and not history,
-        yielding=tuple(np.flatnonzero(yields).tolist()),
+        hysteretic=tuple((x.floor, x.law.name, x.law.compiled(x.parameters)) for x in scene.springs),
         tangent=any(any(b.yields) and b.damping_stiffness == "tangent" for b in buildings),
         falling=tuple(np.flatnonzero(scene.falls).tolist()),
         p_delta="shear" in wanted and any(b.p_delta and any(b.yields) for b in buildings),
-        smooth=tuple((i, law.n) for i, law in enumerate(smooth) if law is not None and yields[i]),
         struck=tuple(c.struck for c in contacts) if any(c.struck >= 0 for c in contacts) else (),
         dashpots=tuple(np.flatnonzero(scene.dashed).tolist()),
         links=tuple((link.left, link.right) for link in scene.linked_floors),
@@ -172,6 +170,7 @@ def _constants(
     slots, row = property_slots(shape), variants_of(scene)
     cap = (STAGED_CAP if shape.staged else CONTACT_CAP) / numerics.refinement
     values: dict[str, Any] = {name: read(row).T for name, read in PROPERTIES.items() if slots.count.get(name)}
+    values |= {name: numbers.T for name, numbers in row.spring_constants.items() if name in slots.first}
     values["cap"] = SERIES_CAP / numerics.refinement**SERIES_FALL if shape.series else cap
     values |= {"newmark_beta": numerics.beta, "newmark_gamma": numerics.gamma}
     values["settles"] = float(numerics.rest == math.inf)
@@ -396,6 +395,8 @@ class RowKernel:
             values |= {"k": k, "c": c}
         if self.varied:
             values |= {f"p_{name}": read(row).T for name, read in PROPERTIES.items() if f"p_{name}" in slots.first}
+            of_springs = row.spring_constants.items()
+            values |= {f"p_{name}": numbers.T for name, numbers in of_springs if f"p_{name}" in slots.first}
             if shape.flies_exactly:
                 values["tables"] = buildings
             if "p_longest" in slots.first:
@@ -424,8 +425,6 @@ PROPERTIES: dict[str, Callable[[Variants], np.ndarray]] = {
     "alpha": lambda row: row.rayleigh_factors[0],
     "beta": lambda row: row.rayleigh_factors[1],
     "reduced": lambda row: row.contact_masses,
-    "hardening": lambda row: row.hardenings,
-    "yield_drift": lambda row: np.minimum(row.yield_drifts, ELASTIC),
     "geometric": lambda row: row.geometric_stiffnesses,
     "flexibility": lambda row: row.flexibilities,
     "drift_limit": lambda row: np.minimum(row.drift_limits, ELASTIC)[None, :],
@@ -444,8 +443,4 @@ PROPERTIES: dict[str, Callable[[Variants], np.ndarray]] = {
     "elevation": lambda row: np.concatenate([b.elevations for b in row.scene.buildings])[None, :],
     "link_k": lambda row: np.array([[link.stiffness for link in row.scene.linked_floors]]),
     "link_c": lambda row: np.array([[link.damping for link in row.scene.linked_floors]]),
-    # zero where the law of Bouc and Wen is not the storey's
-    "wen_beta": _of_storeys(lambda b: b.bouc_wen.beta if b.bouc_wen else 0.0),
-    "wen_gamma": _of_storeys(lambda b: b.bouc_wen.gamma if b.bouc_wen else 0.0),
-    "wen_limit": _of_storeys(lambda b: b.bouc_wen.limit if b.bouc_wen else 0.0),
 }

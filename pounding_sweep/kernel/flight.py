@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.kernel import hysteresis
-from pounding_sweep.kernel.group import Group, Storey
+from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.modal_steps import MOVES
 from pounding_sweep.kernel.peaks import followed, septic_extremes
 from pounding_sweep.kernel.row import kinetic, strain
@@ -126,8 +126,8 @@ def watched(group: Group) -> list[Watched]:
         Watched(TOUCH, weights(contact.between), first["gap"] + contact.gap_index, -1, False)
         for contact in probe.iter_contacts()
     ]
-    for storey in hysteresis.iter_storeys(probe):
-        quantities.append(Watched(ONSET, weights(storey.drift), -1, -1, False, storey.index))
+    for floor, *_ in group.spec.hysteretic:
+        quantities.append(Watched(ONSET, weights(probe.storey(floor).drift), -1, -1, False, floor))
     for motion in followed(probe, straight=True):
         most, least = (-1 if row is None else first[row[0]] + row[1] for row in (motion.most, motion.least))
         i = motion.shear
@@ -570,8 +570,8 @@ class Flight:
         for i in self.indices(self.layout.modes):  # links and foundations hold back, too
             rest = group.cell(0.0)
             for j in self.indices(n):
-                drift = (1.0 - group.prop("hardening", j)) * s["slip", j]
-                rest.now = fma(self.number("sets", i * n + j), drift, rest.now)
+                drift = s["ct", j] / group.prop("k", j)
+                rest.now = fma(-self.number("sets", i * n + j), drift, rest.now)
             s["set", i] = rest.now
 
     def _shift(self, lane: Any) -> None:
@@ -596,18 +596,21 @@ class Flight:
         k = self.group.prop("k", i)
         return k + self.group.prop("geometric", i) if self.group.spec.p_delta else k
 
-    def _storey_limits(self, i: Any, lane: Any, kind: int) -> tuple[Any, Any]:
-        """Drifts at which a storey begins to yield, or falls, to either side, or at which its shear is the largest."""
-        storey, k = Storey(self.group, i, ()), self._storey_stiffness(i)
-        if kind == ONSET:
-            middle, reach = storey.slip, storey.yield_drift
-            if self.group.spec.falling:
-                limit = storey.drift_limit
-                low, high = maximum(middle - reach, -limit), minimum(middle + reach, limit)
-                return lane_of(low, lane), lane_of(high, lane)
-        else:
-            middle, reach = storey.hardened[1] / k * storey.slip, storey.shear / k
+    def _peak_drifts(self, i: Any, lane: Any) -> tuple[Any, Any]:
+        """Drifts of an elastic storey at which its shear is the largest so far, to either side."""
+        s, k = self.group.state, self._storey_stiffness(i)
+        middle, reach = -s["ct", i] / k, s["shear", i] / k
         return lane_of(middle - reach, lane), lane_of(middle + reach, lane)
+
+    def _put_elastic_limits(self, lane: Any) -> None:
+        """Drifts at which the elastic branch of each spring ends, or its storey falls, to either side."""
+        group, w = self.group, self.rows
+        first = sum(quantity.kind == TOUCH for quantity in self.layout.watched)
+        for spring in group.iter_springs(straight=12 * len(group.spec.hysteretic) <= STRAIGHT):
+            gauges: Any = hysteresis.gauges(spring)
+            low, high = reduce(maximum, [x.low for x in gauges]), reduce(minimum, [x.high for x in gauges])
+            w.put_number("high", first + spring.number, lane_of(high, lane))
+            w.put_number("low", first + spring.number, lane_of(low, lane))
 
     # flight --------------------------------------------------------------------------------------------------------
 
@@ -716,15 +719,16 @@ class Flight:
         for part in self.watched_parts:
             place = slice(part * self.lanes, (part + 1) * self.lanes)
             w["high", part], w["low", part] = (side_by_side(self.trace, numbers[place]) for numbers in (highs, lows))
-        for q, storey in self._runs(True, (ONSET, TURN)):
-            down, up = self._storey_limits(self._lookups[2][q], lane, storey.kind)
+        self._put_elastic_limits(lane)
+        for q, _ in self._runs(True, (TURN,)):
+            down, up = self._peak_drifts(self._lookups[2][q], lane)
             w.put_number("high", q, up)
             w.put_number("low", q, down)
 
     def _keep_peaks(self, lane: Any) -> None:
         group, s, w, (most, least, storeys, *_) = self.group, self.group.state, self.rows, self._lookups
         for q, _ in self._runs(True, (TURN,)):  # by shears of drifts that went farther
-            down, up = self._storey_limits(storeys[q], lane, TURN)
+            down, up = self._peak_drifts(storeys[q], lane)
             more = maximum(w.number("high", q) - up, down - w.number("low", q))
             k = group.full(self._storey_stiffness(storeys[q]))
             self._add("shear", storeys[q], lane, lane_of(k, lane) * more)

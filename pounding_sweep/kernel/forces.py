@@ -16,9 +16,9 @@ from contextlib import nullcontext
 from functools import reduce
 from typing import Any
 
-from pounding_sweep.kernel.group import Contact, Group, LaneLaw, power_of
+from pounding_sweep.kernel.group import Contact, Group, LaneLaw
 from pounding_sweep.kernel.roots import NEVER, Series, course, crossing, cubic_turn, first_crossing, root
-from pounding_sweep.lanes import Cell, maximum, minimum, power, roughly_power, size, sqrt, when_any, where
+from pounding_sweep.lanes import Cell, maximum, minimum, power, power_of, roughly_power, size, sqrt, when_any, where
 from pounding_sweep.model.laws import RESTING_SPEED
 from pounding_sweep.model.rebound import YIELD_SHARE
 

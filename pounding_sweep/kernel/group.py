@@ -16,6 +16,7 @@ from llvmlite import ir
 
 from pounding_sweep.kernel.spec import (
     TOLERANCES,
+    Code,
     KernelSpec,
     LawShape,
     input_slots,
@@ -36,7 +37,7 @@ from pounding_sweep.lanes import (
     fma,
     maximum,
     minimum,
-    power,
+    power_of,
     roughly_power,
     size,
     sqrt,
@@ -44,6 +45,7 @@ from pounding_sweep.lanes import (
 )
 from pounding_sweep.model.formula import read, value
 from pounding_sweep.model.laws import RESTING_SPEED
+from pounding_sweep.model.storeys import STOREY_LAWS, Elastic
 
 #: An end of an element: a degree of freedom, or its place among some, whether the stretch grows (1) or falls (-1) with
 #: it, and its share (None: all).
@@ -60,22 +62,12 @@ LOOKS = ("", "depth", "force", "ends")
 #: Rows of what floors move by beside their acceleration at the start of a sub-step of stages, in shares of its length
 #: to the third, fourth and fifth power.
 BENDS = ("c3", "c4", "c5")
+#: Kinds of changes of a contact or by a gauge of a spring, at most.
+KINDS = 3
 #: Share of an elastic contact's duration over which sub-steps grow to a whole step, where they are graded.
 GRADED_SHARE = 0.5
 #: The same in the longer sub-steps of exact flight, of a damper that begins with a steeper root than forces do.
 STEEP_SHARE = 1.0
-
-
-def power_of(x: Any, exponent: float) -> Any:
-    """Return x to a constant power: products and roots where they do, of which lanes have instructions; else x >= 0."""
-    n, quarters = divmod(4.0 * exponent, 4.0)
-    if not (0.0 <= exponent <= 4.0 and quarters == round(quarters)):
-        return power(maximum(x, 0.0), exponent)
-    factors = [x] * int(n)
-    if quarters:
-        root = sqrt(maximum(x, 0.0))
-        factors += [root] * (quarters >= 2.0) + ([sqrt(root)] if quarters % 2.0 else [])
-    return math.prod(factors[1:], start=factors[0]) if factors else 1.0
 
 
 #: Functions in the formulas of laws.
@@ -217,12 +209,11 @@ class Group:
             rows |= dict.fromkeys(("time_left", "fraction", "ahead", "tries", "land", "accepted"), 1)
             rows |= dict.fromkeys(("fallback", "unsolved", "stiff", *ENDS_OF_STEP), 1)
         if spec.yielding:
-            rows |= dict.fromkeys(("phase", "slip", "kt", "ct", "turn", "then"), n)
-            rows |= {"kd": n} if spec.tangent else {}
-            rows |= {"slip0": n} if spec.smooth else {}
-            rows |= dict.fromkeys(("z_sign", "rate_sign"), n) if spec.smooth and spec.series else {}
-            rows |= {"flow": n, "rest": n} if spec.smooth and spec.implicit else {}
-            rows |= {"fall": n, "collapsed": 1} if spec.falling else {}
+            moving = [f"{name}0" for name in spec.of_springs("moving")]
+            rows |= dict.fromkeys(("kt", "ct", *(["kd"] if spec.tangent else [])), n)
+            rows |= dict.fromkeys((*spec.of_springs("rows"), *moving, "turn", "then"), len(spec.hysteretic))
+            rows |= dict.fromkeys(("flow", "rest"), len(spec.hysteretic)) if spec.flowing and spec.implicit else {}
+            rows |= {"collapsed": 1} if spec.falling else {}
             rows |= {"set": n}
         if self.touching:
             # mode, the next one and when it comes (in sub-steps); stiffness and damping in this mode, and of the law
@@ -252,12 +243,15 @@ class Group:
             rows |= {"taylor_force": nc * order} if any(law.damper for law in laws) else {}
             rows |= {"taylor_pen_rate": nc * order} if any(law.damper_exponent == 1.0 for law in laws) else {}
             rows |= dict.fromkeys(("x", "y", "push"), n)
-            if spec.smooth:  # plastic drifts, rates of drifts, powers of z; what flows over its product with the rate
-                rows |= {"taylor_slip": n * (order + 1), "taylor_rate": n * order}
-                rows |= {f"taylor_z{k}": n * order for k in range(1, 1 + int(max(m for _, m in spec.smooth)))}
-                rows |= {"flow": n, "event_row": 1, "event_sign": 1}
+            if spec.flowing:
+                many = len(spec.hysteretic)
+                rows |= {"taylor_slip": many * (order + 1), "event_row": 1, "event_sign": 1}
+                for _, name, compiled in spec.hysteretic:
+                    law: Any = STOREY_LAWS[name]
+                    own = {} if law.straight else law.series_rows(compiled, order)
+                    rows |= {row: many * count for row, count in own.items()}
             rows |= dict.fromkeys(("span", "event_number", "event_target", "low", "high", "bends"), 1)
-            rows |= {"ruled_out": 2 * (nc + n)}
+            rows |= {"ruled_out": KINDS * (1 + bool(spec.falling)) * (nc + len(spec.hysteretic))}
             rows |= {"swing": nb} if "transfer" in self.requested and self.touching else {}
         return rows
 
@@ -273,7 +267,7 @@ class Group:
 
     def change(self, i: Any, kind: int) -> Any:
         """Return the number of a kind of change, of a contact or of a storey, these counted after contacts."""
-        return i + kind * (len(self.contacts) + self.spec.n_dof)
+        return i + kind * (len(self.contacts) + len(self.spec.hysteretic))
 
     # what the scene gives ------------------------------------------------------------------------------------------
 
@@ -386,6 +380,13 @@ class Group:
         shapes = [self.spec.storey_ends(i) for i in sorted(those, key=lambda i: not bottom[i])]
         for kinds, _, dofs in self._in_runs([dofs for dofs, _ in shapes], lambda k: shapes[k][1]):
             yield Storey(self, dofs[0], self._ends(dofs, kinds, dofs[0]))
+
+    def iter_springs(self, straight: bool = True) -> Iterator[StoreySpring]:
+        """Go through the springs that follow storey laws, in a short row at run time if not `straight`."""
+        straight = straight or bool(self.spec.flowing) or self.spec.shares_storeys
+        for code, numbers in self.spec.alike_springs.items():
+            for storey in self.iter_storeys(list(numbers), straight):
+                yield StoreySpring(storey, code)
 
     def storey(self, i: int) -> Storey:
         """Return a storey whose number is known."""
@@ -695,14 +696,9 @@ class Storey(Spring):
         return damping + group.prop("dashpot", i) if group.dashed(i) else damping
 
     @property
-    def exponent(self) -> float:
-        """Exponent of the law of Bouc and Wen."""
-        return dict(self.group.spec.smooth)[self.index]
-
-    @property
-    def hardened(self) -> tuple[Any, Any]:
-        """Stiffness while it yields, and what that is less than the elastic one."""
-        return self.hardening * self.stiffness, (1.0 - self.hardening) * self.stiffness
+    def rest_drift(self) -> Any:
+        """Its drift without shear, while it is elastic."""
+        return -self.ct / self.stiffness
 
     @property
     def is_plain(self) -> bool:
@@ -717,7 +713,7 @@ class Storey(Spring):
         drift, rate = self.between(x), self.between(y)
         if not group.yields(i):
             elastic = self.stiffness * drift
-        elif constant or (group.spec.series and group.spec.smooth and i in dict(group.spec.smooth)):
+        elif constant or (group.spec.series and i in group.spec.flowing):
             elastic = fma(self.kt, drift, self.ct)
         else:
             elastic = self.kt * drift
@@ -732,13 +728,79 @@ class Storey(Spring):
 
     def stored(self, x: Any, about_rest: bool = False) -> Any:
         """Elastic energy (kJ), of a storey that yields about zero or about the drift at which it rests."""
-        drift, yields = self.between(x), self.group.yields(self.index)
-        if yields and not about_rest:
-            (hard, soft), z = self.hardened, drift - self.slip
-            return 0.5 * (hard * drift * drift + soft * z * z)
-        if yields:
-            drift = drift - (1.0 - self.hardening) * self.slip
-        return 0.5 * self.stiffness * drift * drift
+        drift, i, yields = self.between(x), self.index, self.group.yields(self.index)
+        if yields and about_rest:
+            drift = drift - self.rest_drift
+        elastic = 0.5 * self.stiffness * drift * drift
+        if about_rest or not yields:
+            return elastic
+        if isinstance(i, int):
+            return reduce(add, [spring.law.stored(spring, drift) for spring in self.springs()])
+        total = elastic  # of a storey that is known at run time
+        for code, numbers in self.group.spec.alike_springs.items():
+            has = Lookup([int(floor in numbers) for floor in range(self.group.spec.n_dof)])[i] > 0
+            spring = StoreySpring(self, code)
+            total = where(has, spring.law.stored(spring, drift), total)
+        return total
+
+    def springs(self) -> list[StoreySpring]:
+        """Return those of its springs that follow storey laws, its index being known."""
+        alike = self.group.spec.alike_springs.items()
+        return [StoreySpring(self, code) for code, numbers in alike if self.index in numbers]
+
+
+class StoreySpring(Elastic):
+    """An element of a storey that follows a storey law: its rows and constants, and those of the storey."""
+
+    def __init__(self, storey: Storey, code: Code) -> None:
+        spec, i = storey.group.spec, storey.index
+        name, compiled, _ = code
+        numbers = spec.alike_springs[code]
+        if isinstance(i, int):
+            number: Any = numbers[i]
+        elif all(e == floor for floor, e in numbers.items()):
+            number = i
+        else:
+            number = Lookup([numbers.get(floor, 0) for floor in range(spec.n_dof)])[i]
+        law = STOREY_LAWS[name]
+        self.__dict__.update(storey=storey, number=number, law=law, compiled=compiled, group=storey.group)
+
+    def _place(self, name: str) -> Any:
+        return self.number if name in self.group.spec.spring_names else self.storey.index
+
+    def __getattr__(self, name: str) -> Any:
+        group, place = self.group, self._place(name)
+        return group.state[name, place] if name in group.state.first else group.prop(name, place)
+
+    def __setattr__(self, name: str, x: Any) -> None:
+        self.group.state[name, self._place(name)] = x
+
+    def put(self, lanes: Any, **rows: Any) -> None:
+        """Write rows in some lanes (None: all)."""
+        for name, x in rows.items():
+            self.group.state.put(lanes, x, name, self._place(name))
+
+    @property
+    def stiffness(self) -> Any:
+        """Elastic stiffness (kN/m)."""
+        k = self.storey.stiffness
+        return self.stiffness_share * k if self.group.spec.shares_storeys else k
+
+    def drift(self, x: Any = "u", rounding: bool = False) -> Any:
+        """Drift (m) of its storey, see `Storey.drift`."""
+        return self.storey.drift(x, rounding)
+
+    def ends(self) -> tuple[Any, Any, Any, Any]:
+        """Drifts and their rates at the start and the end of the sub-step: d0, d1, v0, v1."""
+        return self.drift("u0"), self.drift("u"), self.drift("v0"), self.drift("v")
+
+    def term(self, name: str, k: Any) -> Any:
+        """Coefficient k of a row of coefficients."""
+        return self.group.state[name, self.number + k * len(self.group.spec.hysteretic)]
+
+    def put_term(self, name: str, k: Any, x: Any) -> None:
+        """Write coefficient k of a row of coefficients."""
+        self.group.state[name, self.number + k * len(self.group.spec.hysteretic)] = x
 
 
 def part_of(force: Any, share: Any) -> Any:

@@ -9,10 +9,9 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from pounding_sweep.kernel import bouc_wen, collapse, forces, hysteresis, impulse, rest, transfers
+from pounding_sweep.kernel import collapse, forces, hysteresis, impulse, rest, transfers
 from pounding_sweep.kernel.group import BENDS, ENDS_OF_STEP, Group
 from pounding_sweep.kernel.peaks import largest_accelerations, reduce_step, samples, turning, turns
-from pounding_sweep.kernel.roots import course
 from pounding_sweep.kernel.row import iter_powers
 from pounding_sweep.lanes import (
     Cell,
@@ -141,8 +140,8 @@ def look_ahead(group: Group, h: Any) -> None:
     s = group.state
     most = group.prop("longest") if group.spec.staged else h
     rest, longest = s["time_left"], forces.longest_substep(group, most) if group.touching else group.full(most)
-    if group.spec.smooth and not group.spec.series:
-        longest = minimum(longest, bouc_wen.longest(group, most))
+    if group.spec.flowing and not group.spec.series:
+        longest = minimum(longest, hysteresis.longest(group, most))
     if group.spec.staged:  # two equal ones rather than a long one and what is left
         longest = where(longest < rest, minimum(longest, 0.5 * rest), longest)
     ahead = where((longest < rest) & (s["tries"] < forces.MAX_TRIES), longest, rest)
@@ -157,12 +156,11 @@ def refuse(group: Group, lanes: Any) -> None:
     s["land"] += where(lanes, 1.0, 0.0)
     s.put(lanes, 0.0, "accepted")
     s.put(lanes, 0.0, "h")
-    floors = [(name, f"{name}0") for name in moving_rows(group)]
-    contacts = [(f"{row}_end", f"{row}_start") for row in ("pen", "rate", "force")[: 2 + spec.impulsive]]
-    for pairs, n in ((floors, spec.n_moving), *(((contacts, len(group.contacts)),) if group.touching else ())):
-        for now, before in pairs:
-            for i in group.indices(n, straight=False):
-                s.put(lanes, s[before, i], now, i)
+    pairs = [(name, f"{name}0", count) for name, count in moving_rows(group).items()]
+    contacts = ("pen", "rate", "force")[: 2 + spec.impulsive] if group.touching else ()
+    for now, before, count in [*pairs, *((f"{row}_end", f"{row}_start", len(group.contacts)) for row in contacts)]:
+        for i in group.indices(count, straight=False):
+            s.put(lanes, s[before, i], now, i)
 
 
 def cut(group: Group, lanes: Any) -> None:
@@ -216,11 +214,6 @@ def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
         fraction = kind.locate_event(group, asks) if group.touching else group.full(1.0)
         if group.spec.yielding:
             fraction = minimum(fraction, hysteresis.locate_event(group, asks))
-        if group.spec.smooth:
-            fraction = minimum(fraction, bouc_wen.locate_event(group, asks))
-        if group.spec.falling:
-            fall = collapse.locate_event(group, asks, h, lambda storey: course(group, storey.drift))
-            fraction = minimum(fraction, fall)
         early = asks & (fraction < 1.0)
         s.put(early, fraction, "fraction")
         s.put(early, h * fraction, "ahead")
@@ -242,7 +235,7 @@ def substep(group: Group, h: Any) -> None:
     add = group.scheme.trial(group)
     look = kind.update_penetrations(group) if group.touching else group.full(False)
     if group.spec.yielding:
-        look = look | storeys_may_change(group, s["h"])
+        look = look | hysteresis.may_change(group, s["h"])
     accept_substep(group, look, kind)
     if group.touching:
         kind.sample_forces(group, group.prop("longest") if group.spec.staged else h)
@@ -268,9 +261,7 @@ def close(group: Group, kind: ModuleType, h: Any) -> None:
         for contact in group.iter_contacts(straight=True):
             contact.age += s["h"]
     if group.spec.yielding:
-        hysteresis.update_plastic_drifts(group)
-    if group.spec.smooth:
-        bouc_wen.recompute(group)
+        hysteresis.follow(group)
     rest = s["time_left"] - s["h"]
     s["time_left"] = where(rest > group.limit.done * h, rest, 0.0)
     accepted = s["accepted"] > 0.0
@@ -286,13 +277,9 @@ def close(group: Group, kind: ModuleType, h: Any) -> None:
     with when_any(lands):
         s.put(lands, 0.0, "land")
         if group.spec.yielding:
-            switched.now |= hysteresis.apply_events(group, lands)
-        if group.spec.smooth and group.spec.series:
-            bouc_wen.apply_events(group, lands)
+            switched.now |= hysteresis.apply_events(group, lands, h)
         if group.touching:
             switched.now |= kind.apply_events(group, lands, h)
-        if group.spec.falling:
-            collapse.apply_events(group, lands, h)
     if implicit:
         with when_any(switched.now):
             group.scheme.balance(group, switched.now)
@@ -303,14 +290,16 @@ def close(group: Group, kind: ModuleType, h: Any) -> None:
 
 def keep_start(group: Group) -> None:
     """Let the present state be the start of the next step."""
-    for i in group.indices(group.spec.n_moving):
-        for name in moving_rows(group):
+    for name, count in moving_rows(group).items():
+        for i in group.indices(count):
             group.state[f"{name}0", i] = group.state[name, i]
 
 
-def moving_rows(group: Group) -> list[str]:
-    """Names of the rows that a step moves, by floors."""
-    return ["u", "v", *(["a"] if group.spec.implicit else []), *(["slip"] if group.spec.smooth else [])]
+def moving_rows(group: Group) -> dict[str, int]:
+    """Return the rows that a step moves, and how many of each there are."""
+    spec = group.spec
+    floors = dict.fromkeys(("u", "v", *(["a"] if spec.implicit else [])), spec.n_moving)
+    return floors | dict.fromkeys(spec.of_springs("moving"), len(spec.hysteretic))
 
 
 def clear_forces(group: Group, lanes: Any) -> None:
@@ -322,13 +311,6 @@ def clear_forces(group: Group, lanes: Any) -> None:
 def needs_ends(group: Group) -> bool:
     """Whether contact forces at the ends of a sub-step are asked for."""
     return group.touching and not group.spec.series and group.looks("ends")
-
-
-def storeys_may_change(group: Group, h: Any) -> Any:
-    """Lanes in which storeys that yield, or fall, ask for the step just taken to be cut."""
-    lanes = hysteresis.may_change(group, h)
-    lanes = lanes | bouc_wen.may_change(group, h) if group.spec.smooth else lanes
-    return lanes | collapse.may_fall(group, h) if group.spec.falling else lanes
 
 
 def may_touch(group: Group, h: Any) -> Any:
@@ -418,19 +400,19 @@ class FixedSteps:
         for _ in once_if(not_(closed.now)):
             add = group.scheme.flight(group, h)
             turned = turning(group)
-            asks = storeys_may_change(group, h) if group.spec.yielding else group.full(False)
+            asks = hysteresis.may_change(group, h) if group.spec.yielding else group.full(False)
             asks = asks | may_touch(group, h) if group.touching else asks
             touched.now = any_lane(asks & (h > 0.0) if group.spec.falling else asks)
             for _ in once_if(not_(touched.now)):
                 if flowing is not None:
                     for _ in once_if(flowing.now):
-                        hysteresis.update_plastic_drifts(group)
+                        hysteresis.follow(group)
                 self._reduce(add, turned)
         for _ in once_if(closed.now):
             keep_start(group)
         for _ in once_if(touched.now):
-            for name in moving_rows(group):
-                for k in group.indices(group.spec.n_moving):
+            for name, count in moving_rows(group).items():
+                for k in group.indices(count):
                     s[name, k] = s[f"{name}0", k]
             begin_step(group, None, s["scale"] * ga, s["scale"] * gb, h)
             for _ in while_any(lambda: s["time_left"] > 0.0):

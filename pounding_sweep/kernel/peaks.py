@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from pounding_sweep.kernel import bouc_wen, forces
+from pounding_sweep.kernel import forces, hysteresis
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.roots import Series, course, cubic, turn
 from pounding_sweep.kernel.row import add_forces, put_accelerations
@@ -207,8 +207,7 @@ def largest_accelerations(
     s = group.state
     ends = [("end", "u", "v", 1.0)] + ([("start", "u0", "v0", 0.0)] if located else [])
     for end, u, v, _ in ends:
-        if group.spec.smooth:
-            bouc_wen.linearise(group, u[1:])
+        hysteresis.put_lines(group, f"v{u[1:]}")
         put_accelerations(group, f"acc_{end}", u, v)
     for end, *_ in ends if group.touching else ():
         add_forces(group, f"acc_{end}", f"force_{end}")
@@ -221,11 +220,9 @@ def largest_accelerations(
         return s[f"acc_{end}", i] - (0.0 if group.rocks(i) else group.ground.at(t)(group.home_of(i)[2]))
 
     for end, _, v, t in ends:
-        if group.spec.smooth:
-            bouc_wen.linearise(group, v[1:])
+        hysteresis.put_lines(group, v)
         put_accelerations(group, f"acc_rate_{end}", v, partial(relative, end, t), rates=True)
-    if group.spec.smooth:
-        bouc_wen.recompute(group)
+    hysteresis.put_lines(group)
     for end, *_ in ends if group.touching else ():
         if force_rates is not None:
             force_rates(group, end)
@@ -269,11 +266,9 @@ def _take_acceleration(group: Group, i: Any, lanes: Any) -> None:
     at = Cell(_acceleration_turn(group, curve, s1)[0])
     for _ in count_to(2):  # once where the cubic turns, once nearer
         t = at.now
-        if group.spec.smooth:
-            bouc_wen.part(group, t)
+        hysteresis.part(group, t)
         put_accelerations(group, "acc_inside", moved(group, t), moved(group, t, velocities=True))
-        if group.spec.smooth:
-            bouc_wen.recompute(group)
+        hysteresis.put_lines(group)
         for contact in group.iter_contacts():
             contact.press = 0.0
             with when_any(contact.mode > forces.OPEN):

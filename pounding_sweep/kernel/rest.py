@@ -57,11 +57,11 @@ def may_change(group: Group) -> Any:
     for contact in group.iter_contacts():
         middle = contact.between("set") if spec.yielding else 0.0
         changes.now |= middle + sqrt(twice.now * between(contact)) > contact.gap
-    for storey in hysteresis.iter_storeys(group):
-        reach = sqrt(twice.now / storey.stiffness)
-        changes.now |= size(storey.hardening * storey.slip) + reach > storey.yield_drift
-        if spec.falling:
-            changes.now |= size(storey.drift("set")) + reach > storey.drift_limit
+    for spring in group.iter_springs():
+        middle, reach = spring.storey.rest_drift, sqrt(twice.now / spring.stiffness)
+        gauges: Any = hysteresis.gauges(spring)
+        for gauge in gauges:
+            changes.now |= (middle + reach > gauge.high) | (middle - reach < gauge.low)
     for motion in followed(group, straight=False):
         middle, reach = motion.of("set") if spec.yielding else 0.0, sqrt(twice.now * motion.soft())
         changes.now |= (size(middle) if motion.sized else middle) + reach > s[motion.most]

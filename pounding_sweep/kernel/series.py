@@ -10,14 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial, reduce
-from itertools import chain
+from itertools import chain, count
 from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import bouc_wen, collapse, forces, hysteresis, links, march, transfers
+from pounding_sweep.kernel import forces, hysteresis, links, march, transfers
 from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, PRESSING, REBOUND, SLACK
-from pounding_sweep.kernel.group import Contact, Element, Group, Instant, Spring, Storey
+from pounding_sweep.kernel.group import Contact, Element, Group, Instant, Spring, StoreySpring
 from pounding_sweep.kernel.peaks import followed, take_extremes
 from pounding_sweep.kernel.roots import NEVER, Series, newton, tangents, turn
 from pounding_sweep.kernel.row import Pushes, accelerations, iter_powers, powers
@@ -42,6 +42,7 @@ from pounding_sweep.lanes import (
     where,
     while_any,
 )
+from pounding_sweep.model.storeys import DriftGauge, SignGauge
 
 #: Largest last term of a series beside its first ones, in both number formats.
 LEFT_OUT = {"float64": 1e-14, "float32": 1e-6}
@@ -69,8 +70,8 @@ def substep(group: Group, h: Any) -> None:
     s["span"] = s["h"]
     for i in group.indices(spec.n_moving):
         s["taylor_u", i] = s["u0", i]
-    for storey in bouc_wen.iter_storeys(group):
-        s["taylor_slip", storey.index] = storey.slip0
+    for e in range(len(spec.hysteretic) if spec.flowing else 0):
+        s["taylor_slip", e] = s["slip0", e]
     if spec.yielding and group.touching and not group.looped:  # while storeys yield, contacts are open as a rule
         closed = any_lane(forces.is_closed(group))
         for case, contacts in ((closed, True), (not_(closed), False)):
@@ -110,8 +111,7 @@ def _expand_term(group: Group, contacts: bool, k: Any, ground: Instant, inverse:
     for contact in group.iter_contacts(straight=True) if contacts else ():
         push.add(contact, _press(contact, k, x))
     push.add_links(x, x.rates)
-    if group.spec.smooth:
-        bouc_wen.begin_term(group, x)
+    hysteresis.begin_term(group, k, x)
     s, n, per = group.state, group.spec.n_moving, group.state["h"] * inverse[k]
     for part in group.iter_parts():  # numbers are read building by building: there is room for few
         moving = part.dofs
@@ -120,8 +120,7 @@ def _expand_term(group: Group, contacts: bool, k: Any, ground: Instant, inverse:
         for i, yi, ai in zip(moving, sped, a, strict=True):
             s["taylor_u", i + (k + 1) * n] = yi * per
             s["y", i] = ai * per
-    if group.spec.smooth:
-        bouc_wen.end_term(group, k, x, per)
+    hysteresis.end_term(group, k, x, per)
 
 
 class _Term:
@@ -129,7 +128,7 @@ class _Term:
 
     def __init__(self, group: Group, k: Any) -> None:
         #: Where rows of the coefficient begin.
-        self.begin = k * group.spec.n_moving
+        self.order, self.begin = k, k * group.spec.n_moving
         self._state = group.state
         #: Whether what follows from it has the constants that rates are without.
         self.constant = isinstance(k, int) and k == 0
@@ -182,10 +181,9 @@ def _floor(group: Group, i: Any) -> Series:
     return Series(_Coefficients(group, "taylor_u", i, group.spec.n_moving).__getitem__, group.spec.series)
 
 
-def _slip(storey: Storey) -> Series:
-    """Plastic drift of a storey of Bouc and Wen."""
-    coefficients = _Coefficients(storey.group, "taylor_slip", storey.index, storey.group.spec.n_moving)
-    return Series(coefficients.__getitem__, storey.group.spec.series)
+def _slip(spring: StoreySpring) -> Series:
+    """Plastic drift of a spring that flows."""
+    return Series(partial(spring.term, "taylor_slip"), spring.group.spec.series)
 
 
 def _depth(contact: Contact) -> Series:
@@ -219,10 +217,8 @@ def _find_event(group: Group) -> None:
     s["fraction"] = group.full(1.0)
     for contact in group.iter_contacts():
         contact.event, contact.next = group.full(NEVER), contact.mode
-    for storey in hysteresis.iter_storeys(group):
-        storey.turn, storey.then = group.full(NEVER), storey.phase
-    for storey in bouc_wen.iter_storeys(group):
-        storey.turn, storey.then = group.full(NEVER), group.full(0.0)
+    for spring in group.iter_springs(straight=False):
+        spring.turn, spring.then = group.full(NEVER), group.full(0.0)
     for _, numbers, _ in _changes(group):
         for number in numbers:
             s["ruled_out", number] = 0.0
@@ -230,14 +226,15 @@ def _find_event(group: Group) -> None:
     if group.spec.yielding:
         _converge_floors(group)
     s["fraction"] = maximum(s["fraction"], SOONEST)  # of what rests, no first term tells the size
-    for storey in bouc_wen.iter_storeys(group):
-        rests = ongoing & (storey.rate_sign == 0.0) & (storey.drift("v0") == 0.0)
+    for spring in hysteresis.flowing(group):
+        signs = [gauge.sign for gauge in spring.law.gauges(spring)]
+        rests = ongoing & (signs[0] == 0.0) & (spring.drift("v0") == 0.0)
         with when_any(rests):  # the first instants of its motion tell its signs
-            moves = rests & ~(_drift(storey, storey.drift("u0"), 1.0).value(1.0) == 0.0)
+            moves = rests & ~(_drift(spring, spring.drift("u0"), 1.0).value(1.0) == 0.0)
             s.put(moves, SOONEST, "fraction")
     if group.spec.yielding:
         _place(group)
-    events = len(group.contacts) + len(group.spec.yielding)
+    events = len(group.contacts) + len(group.spec.hysteretic)
     active = Cell(ongoing & (s["tries"] < MAX_TRIES))
     # what comes first is guessed, and looked for again before what was found, where what did not show at the end may
     for _ in while_any(lambda: active.now, at_most=4 * events + HALVINGS):
@@ -250,26 +247,26 @@ def _find_event(group: Group) -> None:
             _locate(group, located)
             if group.spec.yielding:
                 _place(group)
-    if group.spec.falling:
-        drift = partial(_drift, first=0.0, sign=1.0)
-        fall = collapse.locate_event(group, ongoing, s["span"] * s["fraction"], drift, s["fraction"])
-        falls = fall < s["fraction"]
-        with when_any(falls):
-            s.put(falls, fall, "fraction")
-            _place(group)
     s["land"] = where(s["fraction"] < 1.0, 1.0, 0.0)
 
 
-def _changes(group: Group) -> Iterator[tuple[Element, list[Any], tuple[str, str]]]:
+def _changes(group: Group) -> Iterator[tuple[Element | StoreySpring, list[Any], tuple[str, str]]]:
     """Go through contacts and storeys: numbers of kinds of changes, and rows of when and to what one changes."""
     # of a contact, of its penetration's sign, and of that of its rate or its force
     for contact in group.iter_contacts():
         law = contact.law.shape
         kinds = 2 if law.approach_only or law.clips else 1
         yield contact, [group.change(contact.index, kind) for kind in range(kinds)], ("event", "next")
-    for storey in chain(hysteresis.iter_storeys(group), bouc_wen.iter_storeys(group)):
-        first = storey.index + len(group.contacts)
-        yield storey, [group.change(first, kind) for kind in range(2)], ("turn", "then")
+    for spring in group.iter_springs(straight=False):
+        yield spring, list(chain(*_kinds(spring))), ("turn", "then")
+
+
+def _kinds(spring: StoreySpring) -> list[list[Any]]:
+    """Numbers of the changes of each gauge of a spring: its drift leaves a range above, below, turns; or a kink."""
+    first, kinds, counts = spring.number + len(spring.group.contacts), count(), []
+    for gauge in hysteresis.gauges(spring):
+        counts.append([spring.group.change(first, next(kinds)) for _ in range(1 + 2 * isinstance(gauge, DriftGauge))])
+    return counts
 
 
 def _converge(group: Group) -> None:
@@ -302,8 +299,8 @@ def _converge_floors(group: Group) -> None:
             # the fourth of them too: a floor at rest begins with the ground's ramp
             first = reduce(maximum, [size(s["taylor_u", i + k * n]) for k in range(4)])
             yield share * first, size(s["taylor_u", i + order * n])
-        for storey in bouc_wen.iter_storeys(group):
-            yield share * storey.yield_drift, size(_slip(storey).read(order))
+        for spring in hysteresis.flowing(group):
+            yield share * spring.yield_drift, size(_slip(spring).read(order))
 
     over = group.cell(0.0)
     for most, last in terms():
@@ -323,7 +320,7 @@ class _Choice:
         self.soonest, self.located = group.cell(NEVER), Cell(nobody)
         #: Lanes in which the step is too long to tell.
         self.doubt = Cell(nobody)
-        for row in ("bends", *(["event_row"] if group.spec.smooth else [])):
+        for row in ("bends", *(["event_row"] if group.spec.flowing else [])):
             group.state[row] = group.full(0.0)
 
     def propose(self, number: Any, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
@@ -337,7 +334,7 @@ class _Choice:
         reach = group.cell(-1.0)
         with when_any(turns):
             # as far as it is a cubic, no farther than its tangents at thirds
-            early, late = e0 + (1.0 / 3.0) * (e0 + end * r0 - e0), e1 + (1.0 / 3.0) * (e1 - end * r1 - e1)
+            _, early, late, _ = (sign * x for x in tangents(series, end))
             reach.now = maximum(early, late) + series.bulge(end)
         hops = turns & (reach.now > 0.0)
         # one that turns twice may have been positive before: half the step tells
@@ -359,7 +356,7 @@ class _Choice:
             for k in range(group.spec.series + 1):
                 term = sign * series.read(k) if k <= series.order else 0.0
                 s["event_poly", k] = where(better, term, s["event_poly", k])
-            by_row = [("event_row", 0.0)] if group.spec.smooth else []
+            by_row = [("event_row", 0.0)] if group.spec.flowing else []
             for row, x in (("event_number", number), ("event_target", target), *by_row):
                 s[row] = where(better, x, s[row])
             s["bends"] = where(better, where(hops, -1.0, where(rises, 1.0, 0.0)), s["bends"])
@@ -377,10 +374,14 @@ def _choose(group: Group, asks: Any) -> _Choice:
         mask = asks & ((contact.mode > OPEN) | may_touch)
         with when_any(mask):
             _propose_contact(contact, choice, mask, per)
-    if group.spec.yielding:
-        _propose_storeys(group, asks, choice)
-    if group.spec.smooth:
-        _propose_kinks(group, asks, choice)
+    for spring in group.iter_springs(straight=False):
+        for gauge, kinds in zip(hysteresis.gauges(spring), _kinds(spring), strict=True):
+            if isinstance(gauge, DriftGauge):
+                _propose_ends(spring, gauge, kinds, choice, asks)
+            else:
+                _propose_kink(spring, gauge, kinds[0], choice, asks)
+    if group.spec.flowing:
+        _gather_kinks(group)
     return choice
 
 
@@ -424,10 +425,10 @@ def _stretched(element: Element, k: int) -> Any:
     return element.between(_Term(element.group, k))
 
 
-def _drift(storey: Storey, first: Any, sign: Any) -> Series:
+def _drift(storey: StoreySpring, first: Any, sign: Any) -> Series:
     """Sign times the drift of a storey, its first coefficient given."""
     group = storey.group
-    return Series(lambda k: sign * _stretched(storey, k) if k else first, group.spec.series)
+    return Series(lambda k: sign * storey.drift(_Term(group, k)) if k else first, group.spec.series)
 
 
 def _hull(group: Group, x0: Any, x1: Any, v0: Any, v1: Any) -> tuple[Any, Any]:
@@ -437,80 +438,80 @@ def _hull(group: Group, x0: Any, x1: Any, v0: Any, v1: Any) -> tuple[Any, Any]:
     return maximum(x1, maximum(early, late)), minimum(x1, minimum(early, late))
 
 
-def _propose_storeys(group: Group, asks: Any, choice: Any) -> None:
-    """Consider changes of storeys' phases before ``fraction``, in lanes that ask."""
-    s, first = group.state, len(group.contacts)
-    for storey in hysteresis.iter_storeys(group):
-        phase, dy, p = storey.phase, storey.yield_drift, storey.slip
-        # that of an event that ends the step as it is
-        then = where(storey.turn > s["fraction"], phase, storey.then)
-        sides = [group.change(first + storey.index, kind) for kind in range(2)]
-        margin = fma(dy, group.limit.same_time, hysteresis.drift_scale(storey) * group.limit.exact)
-        v0, v1 = storey.drift("v0"), storey.drift("v")
-        z0, z1 = storey.drift("u0") - p, storey.drift("u") - p
-        elastic = asks & (phase == 0.0)
-        with when_any(elastic):
-            most, least = _hull(group, z0, z1, v0, v1)
-            bulge = _drift(storey, z0, 1.0).bulge(s["fraction"])
-            most, least = most + bulge, least - bulge
-            leaves, beyond = elastic & (maximum(most, -least) > dy + margin), size(z1) > dy + margin
-            # where it may turn twice, it may be beyond and back: half the step tells
-            unseen = leaves & (then == 0.0) & (v0 * v1 >= 0.0) & ~beyond
-            with when_any(unseen):
-                _, early, late, last = tangents(_drift(storey, z0, 1.0).rate, s["fraction"])
-                twice = minimum(last * early, last * late) < 0.0  # the first rate may be none, as where it yielded
-                choice.doubt.now |= unseen & twice
-            with when_any(leaves):
-                toward = where(v0 > 0.0, 1.0, -1.0)
-                # it leaves its range on the side to which it moves first, and comes back, or stays beyond
-                turns = (v0 * v1 < 0.0) & (where(v0 > 0.0, most, -least) > dy + margin)
-                ruled_out = where(toward > 0.0, *(s["ruled_out", change] for change in sides))
-                hops = turns & ~(toward * z1 > dy + margin) & ~(then == toward) & ~(ruled_out > 0.0)
-                side = where(hops, toward, where(z1 > 0.0, 1.0, -1.0))
-                start = side * z0 - dy
-                start = where(start > -margin, start - margin, start)
-                lanes = leaves & (hops | beyond) & ~(then == side)
-                number = where(side > 0.0, *(group.full(real(change)) for change in sides))
-                choice.propose(number, lanes, 1.0, _drift(storey, start, side), side)
-        yields = asks & ~(phase == 0.0) & ~(then == 0.0) & ~(s["ruled_out", sides[0]] > 0.0)
-        with when_any(yields):
-            rate = _drift(storey, z0, 1.0).rate
-            end, last, per = s["fraction"], s["span"] * v1, (1.0 / 3.0) * s["fraction"]
-            early, late = fma(per, rate.read(1), rate.read(0)), fma(-per, rate.rate.value(end), last)
-            turns = yields & (minimum(phase * last, minimum(phase * early, phase * late)) < 0.0)
-            with when_any(turns):
-                choice.propose(real(sides[0]), turns, -phase, rate, 0.0)
+def _propose_ends(spring: StoreySpring, gauge: DriftGauge, kinds: list[Any], choice: _Choice, asks: Any) -> None:
+    """Consider that a drift leaves the range of its branch, or turns back, before ``fraction``, in lanes that ask."""
+    group, s, end = spring.group, spring.group.state, spring.group.state["fraction"]
+    above, below, turned = kinds
+    (d0, d1, v0, v1), more = spring.ends(), hysteresis.margin(spring, gauge, group.limit.same_time)
+    ends_step, high, low = ~(spring.turn > end), gauge.high + more, gauge.low - more
+
+    def is_next(phase: Any) -> Any:  # by an event that ends the step as it is
+        return ends_step & (spring.then == phase)
+
+    ranged = asks & gauge.ranged
+    with when_any(ranged):
+        drift = _drift(spring, d0, 1.0)
+        (most, least), bulge = _hull(group, d0, d1, v0, v1), drift.bulge(end)
+        leaves, beyond = ranged & ((most + bulge > high) | (least - bulge < low)), (d1 > high) | (d1 < low)
+        # where it may turn twice, it may be beyond and back: half the step tells
+        unseen = leaves & ~ends_step & (v0 * v1 >= 0.0) & ~beyond
+        with when_any(unseen):
+            _, early, late, last = tangents(drift.rate, end)
+            twice = minimum(last * early, last * late) < 0.0  # the first rate may be none, as where it yielded
+            choice.doubt.now |= unseen & twice
+        with when_any(leaves):
+            # it leaves its range on the side to which it moves first, and comes back, or stays beyond
+            rises = v0 > 0.0
+            turns = (v0 * v1 < 0.0) & where(rises, most + bulge > high, least - bulge < low)
+            stays = where(rises, d1 > high, d1 < low)
+            ruled_out = where(rises, s["ruled_out", above], s["ruled_out", below]) > 0.0
+            hops = turns & ~stays & ~is_next(where(rises, gauge.above, gauge.below)) & ~ruled_out
+            side = where(where(hops, rises, d1 > gauge.middle), 1.0, -1.0)
+            target, bound = (where(side > 0.0, *pair) for pair in ((gauge.above, gauge.below), (gauge.high, gauge.low)))
+            start = side * (d0 - bound)
+            start = where(start > -more, start - more, start)
+            lanes = leaves & (hops | beyond) & ~is_next(target)
+            number = where(side > 0.0, group.full(real(above)), group.full(real(below)))
+            choice.propose(number, lanes, 1.0, _drift(spring, start, side), target)
+    held = asks & ~(gauge.way == 0.0) & ~is_next(gauge.turned) & ~(s["ruled_out", turned] > 0.0)
+    with when_any(held):
+        rate = _drift(spring, d0, 1.0).rate
+        last, per = s["span"] * v1, (1.0 / 3.0) * end
+        early, late = fma(per, rate.read(1), rate.read(0)), fma(-per, rate.rate.value(end), last)
+        turns = held & (minimum(gauge.way * last, minimum(gauge.way * early, gauge.way * late)) < 0.0)
+        with when_any(turns):
+            choice.propose(real(turned), turns, -gauge.way, rate, gauge.turned)
 
 
-def _propose_kinks(group: Group, asks: Any, choice: Any) -> None:
-    """Consider kinks of storeys of Bouc and Wen before ``fraction``, in lanes that ask."""
-    s, first, n = group.state, len(group.contacts), group.spec.n_moving
-    for storey in bouc_wen.iter_storeys(group):
-        z0, z1 = storey.drift("u0") - storey.slip0, storey.drift("u") - storey.slip
-        rate = "taylor_rate", storey.rate_sign, storey.drift("v0"), storey.drift("v")
-        for kind, (name, sign, *ends) in enumerate((rate, ("taylor_z1", storey.z_sign, z0, z1))):
-            start, end = (sign * x for x in ends)
-            number = group.change(first + storey.index, kind)
-            is_next = (storey.then == kind + 1.0) & ~(storey.turn > s["fraction"])
-            allowed = asks & ~is_next
-            changes, begins = allowed & (end < 0.0), maximum(start, 0.0)
-            guess = s["fraction"] * (begins / (begins - end))
-            better = changes & (guess < choice.soonest.now)
-            choice.located.now |= changes
-            choice.soonest.now = where(better, guess, choice.soonest.now)
-            news = {"event_number": real(number), "event_target": kind + 1.0, "event_sign": -sign, "bends": 0.0}
-            for to, x in (news | {"event_row": real(s.first[name] + storey.index)}).items():
-                s.put(better, x, to)
-            if kind == 0:  # z turns where the drift does; that may turn twice if it would by its rate at the start
-                ahead = fma(s["fraction"], sign * s[name, storey.index + n], start)
-                twice = allowed & (end > 0.0) & (ahead < 0.0) & ~(s["ruled_out", number] > 0.0)
-                with when_any(twice):
-                    choice.propose(real(number), twice, -sign, _drift(storey, storey.drift("u0"), 1.0).rate, 1.0)
-    # each lane reads the series of its own kink once, however many storeys have one
+def _propose_kink(spring: StoreySpring, gauge: SignGauge, number: Any, choice: _Choice, asks: Any) -> None:
+    """Consider that a quantity changes its sign before ``fraction``, in lanes that ask."""
+    s = spring.group.state
+    start, end = gauge.sign * gauge.start, gauge.sign * gauge.end
+    is_next = (spring.then == gauge.kink) & ~(spring.turn > s["fraction"])
+    allowed = asks & ~is_next
+    changes, begins = allowed & (end < 0.0), maximum(start, 0.0)
+    guess = s["fraction"] * (begins / (begins - end))
+    better = changes & (guess < choice.soonest.now)
+    choice.located.now |= changes
+    choice.soonest.now = where(better, guess, choice.soonest.now)
+    news = {"event_number": real(number), "event_target": gauge.kink, "event_sign": -gauge.sign, "bends": 0.0}
+    for to, x in (news | {"event_row": real(s.first[gauge.row] + spring.number)}).items():
+        s.put(better, x, to)
+    if gauge.slopes is None:  # the drift may turn twice if it would by its rate at the start
+        ahead = fma(s["fraction"], gauge.sign * spring.term(gauge.row, 1), start)
+        twice = allowed & (end > 0.0) & (ahead < 0.0) & ~(s["ruled_out", number] > 0.0)
+        with when_any(twice):
+            rate = _drift(spring, spring.drift("u0"), 1.0).rate
+            choice.propose(real(number), twice, -gauge.sign, rate, gauge.kink)
+
+
+def _gather_kinks(group: Group) -> None:
+    """Read the series of the kink that each lane has chosen, once, however many springs have one."""
+    s, many = group.state, len(group.spec.hysteretic)
     lanes, rows = s["event_row"] > 0.0, [rounded(lane_of(s["event_row"], lane)) for lane in range(group.lanes)]
     with when_any(lanes):
         for k in range(group.spec.series):
-            x = s["event_sign"] * side_by_side(group.trace, [s.lane(row + k * n, i) for i, row in enumerate(rows)])
+            x = s["event_sign"] * side_by_side(group.trace, [s.lane(row + k * many, i) for i, row in enumerate(rows)])
             s.put(lanes, x if k else minimum(x, 0.0), "event_poly", k)
         s.put(lanes, 0.0, "event_poly", group.spec.series)
 
@@ -540,8 +541,8 @@ def _place(group: Group) -> None:
     for i in group.indices(group.spec.n_moving, straight=False):
         s["u", i], rate = _floor(group, i).with_slope(t, halves=not group.spec.yielding)
         s["v", i] = where(s["span"] > 0.0, rate * per, s["v0", i])
-    for storey in bouc_wen.iter_storeys(group):
-        storey.slip = _slip(storey).value(t)
+    for spring in hysteresis.flowing(group):
+        spring.slip = _slip(spring).value(t)
 
 
 def _take_contacts(group: Group) -> None:
@@ -638,10 +639,10 @@ def _integrate(group: Group) -> None:
             for i in group.indices(n, straight=False):
                 s["x", i] = _floor(group, i).value(t)
             links.add_powers(group, "x", "y", weight, first=False)
-        for storey in bouc_wen.iter_storeys(group) if "hysteretic" in r else ():
-            slip, rate = _slip(storey).with_slope(t)
-            z = _drift(storey, storey.drift("u0"), 1.0).value(t) - slip
-            storey.travel = fma(weight * per, rate * (z / storey.yield_drift), storey.travel)
+        for spring in hysteresis.flowing(group) if "hysteretic" in r else ():
+            slip, rate = _slip(spring).with_slope(t)
+            drift = _drift(spring, spring.drift("u0"), 1.0).value(t)
+            spring.travel = fma(weight * per, spring.law.lost(spring, drift, slip, rate), spring.travel)
         if "energy" in r:
             for part in group.iter_parts():
                 gains = powers(group, part, [s["y", i] for i in part.dofs], group.ground.at(t))

@@ -12,13 +12,17 @@ from functools import cached_property, lru_cache
 from itertools import accumulate, pairwise
 from typing import Any
 
+from pounding_sweep.model.storeys import STOREY_LAWS, StoreyLaw
+
 #: Scenarios of a group, whose numbers lie side by side; the largest register holds as many in single precision.
 LANES = 16
 
 
+#: Name and compiled parameters of a storey law, and which spring of a storey follows it.
+Code = tuple[str, tuple[float, ...], int]
 #: Properties that may differ from lane to lane.
 VARIED = (
-    *("m", "im", "k", "alpha", "beta", "reduced", "hardening", "yield_drift", "geometric", "dashpot", "longest"),
+    *("m", "im", "k", "alpha", "beta", "reduced", "geometric", "dashpot", "longest"),
     *("dense_k", "dense_c", "shear_soft", "moment_soft"),
 )
 
@@ -77,9 +81,6 @@ SERIES_ORDER = {"float64": 20, "float32": 12}
 #: The same where storeys yield: their events make steps short, and are told by the ends of a step.
 YIELDING_ORDER = 12
 
-
-#: Largest exponent of Bouc and Wen whose powers are worked out term by term.
-MOST_POWER = 8
 
 #: Most degrees of freedom written as one straight line; longer rows run through loops.
 FUSED_DOF = 16
@@ -171,15 +172,14 @@ class KernelSpec:
     varied: bool = False  # building properties differ from lane to lane: they are inputs, not constants
     #: exact flight leaves out windows of the record: worth it where several scenarios share a row of buildings
     windows: bool = True
-    yielding: tuple[int, ...] = ()  # degrees of freedom whose storeys may yield
+    #: elements of storeys that follow a storey law: degree of freedom above, name and compiled parameters of the law
+    hysteretic: tuple[tuple[int, str, tuple[float, ...]], ...] = ()
     falling: tuple[int, ...] = ()  # those of them whose storeys may fall
     tangent: bool = False  # dampers of some of them follow the tangent stiffness
     #: of each contact the side (0: left, 1: right) whose columns are struck, -1 where floors meet; () where none are
     #: struck
     struck: tuple[int, ...] = ()
     p_delta: bool = False  # shears of storeys that yield are kept, and weights push some of them
-    #: those of `yielding` whose hysteresis is that of Bouc and Wen, with its exponent
-    smooth: tuple[tuple[int, float], ...] = ()
     dashpots: tuple[int, ...] = ()  # degrees of freedom whose storeys have dashpots
     links: tuple[tuple[int, int], ...] = ()  # degrees of freedom that are linked
     foundations: tuple[int, ...] = ()  # buildings on foundations: after all floors come sway and rocking of each
@@ -213,7 +213,7 @@ class KernelSpec:
     @property
     def rest_is_bounded(self) -> bool:
         """Whether bounds of a free vibration about where the row rests tell when nothing that is reported changes."""
-        return not (self.smooth or (self.yielding and self.links) or "links" in self.reducers)
+        return not (not self.follows_modes or (self.yielding and self.links) or "links" in self.reducers)
 
     @property
     def impulsive(self) -> bool:
@@ -224,8 +224,8 @@ class KernelSpec:
     def series(self) -> int:
         """Order of the series by which contacts are stepped; 0: by the scheme's stages."""
         polynomial = all(law.polynomial for law in self.laws) if self.laws else bool(self.yielding)
-        whole = all(n == round(n) <= MOST_POWER for _, n in self.smooth)
-        if not (self.by_series and polynomial and whole):
+        storeys = all(STOREY_LAWS[name].is_polynomial(compiled) for _, name, compiled in self.hysteretic)
+        if not (self.by_series and polynomial and storeys):
             return 0
         return YIELDING_ORDER if self.yielding else SERIES_ORDER[self.precision]
 
@@ -237,7 +237,7 @@ class KernelSpec:
     @property
     def flies_exactly(self) -> bool:
         """Whether steps without contact are exact, and as long as each lane can take them."""
-        return self.by_series and not self.smooth
+        return self.by_series and self.follows_modes
 
     @property
     def staged(self) -> bool:
@@ -285,7 +285,7 @@ class KernelSpec:
     @property
     def fused(self) -> bool:
         """Whether one step is one straight line."""
-        return self.n_dof <= FUSED_DOF or bool(self.smooth or self.foundations or self.dense)
+        return self.n_dof <= FUSED_DOF or bool(self.flowing or self.foundations or self.dense)
 
     @property
     def solves_row(self) -> bool:
@@ -293,10 +293,50 @@ class KernelSpec:
         return bool(self.links or self.foundations or self.dense)
 
     @property
-    def bilinear(self) -> tuple[int, ...]:
-        """Those of `yielding` whose hysteresis is bilinear."""
-        smooth = dict(self.smooth)
-        return tuple(i for i in self.yielding if i not in smooth)
+    def yielding(self) -> tuple[int, ...]:
+        """Degrees of freedom whose storeys follow storey laws."""
+        return tuple(dict.fromkeys(i for i, *_ in self.hysteretic))
+
+    @property
+    def storey_laws(self) -> list[StoreyLaw]:
+        """Storey laws of the row."""
+        return [STOREY_LAWS[name] for name in dict.fromkeys(name for _, name, _ in self.hysteretic)]
+
+    def of_springs(self, kind: str) -> tuple[str, ...]:
+        """Names of what each spring has: its "constants", "rows" of state, or rows that are "moving" in a sub-step."""
+        shares = ("stiffness_share",) if kind == "constants" and self.shares_storeys else ()
+        return (*dict.fromkeys(name for law in self.storey_laws for name in getattr(law, kind)), *shares)
+
+    @cached_property
+    def alike_springs(self) -> dict[Code, dict[int, int]]:
+        """Numbers of springs by the degrees of freedom above them, of those whose code is one."""
+        result: dict[Code, dict[int, int]] = {}
+        for e, (floor, name, compiled) in enumerate(self.hysteretic):
+            which = [other for other, *_ in self.hysteretic[:e]].count(floor)
+            result.setdefault((name, compiled, which), {})[floor] = e
+        return result
+
+    @cached_property
+    def spring_names(self) -> frozenset[str]:
+        """Rows of state and constants that each spring has."""
+        moving = [f"{name}0" for name in self.of_springs("moving")]
+        common = ("turn", "then", "travel", "flow", "rest")
+        return frozenset((*self.of_springs("rows"), *self.of_springs("constants"), *moving, *common))
+
+    @property
+    def flowing(self) -> tuple[int, ...]:
+        """Degrees of freedom whose storeys have internal variables that flow between events."""
+        return tuple(dict.fromkeys(i for i, name, _ in self.hysteretic if not STOREY_LAWS[name].straight))
+
+    @property
+    def shares_storeys(self) -> bool:
+        """Whether a storey has several springs."""
+        return len(self.yielding) < len(self.hysteretic)
+
+    @property
+    def follows_modes(self) -> bool:
+        """Whether storeys that are elastic move in the modes of the row at rest."""
+        return all(law.flies for law in self.storey_laws)
 
     def base(self, b: int) -> tuple[int, int] | None:
         """Sway and rocking of a building's foundation; None where it has none."""
@@ -387,7 +427,7 @@ def input_slots(shape: KernelSpec) -> Slots:
     if shape.varied:
         shared = property_slots(shape).count
         count |= {"tables": 1} if shape.flies_exactly else {}
-        count |= {f"p_{name}": shared[name] for name in VARIED if shared.get(name)}
+        count |= {f"p_{name}": shared[name] for name in (*VARIED, *shape.of_springs("constants")) if shared.get(name)}
     return Slots(count)
 
 
@@ -396,11 +436,10 @@ def property_slots(shape: KernelSpec) -> Slots:
     floors, moving, contacts = shape.n_dof, shape.n_moving, len(shape.contacts)
     count = dict.fromkeys(("m", "im", "k", "u0", "v0"), moving)
     count |= dict.fromkeys(("alpha", "beta"), shape.n_buildings) | {"reduced": contacts}
-    count |= dict.fromkeys(("hardening", "yield_drift"), floors) if shape.yielding else {}
+    count |= dict.fromkeys(shape.of_springs("constants"), len(shape.hysteretic))
     count |= {"tangent": floors} if shape.yielding and shape.tangent else {}
     count |= {"geometric": floors} if shape.p_delta else {}
     count |= {"drift_limit": floors} if shape.falling else {}
-    count |= dict.fromkeys(("wen_beta", "wen_gamma", "wen_limit"), floors) if shape.smooth else {}
     count |= dict.fromkeys(("cap", "newmark_beta", "newmark_gamma", "settles"), 1)
     # what the energy of a free vibration bounds displacements by, where no bounds of modes do
     count |= {} if shape.by_series else {"flexibility": floors}
@@ -428,9 +467,9 @@ def property_slots(shape: KernelSpec) -> Slots:
 def history_slots(shape: KernelSpec) -> Slots:
     """Layout of one row of a history."""
     count = dict.fromkeys(("u", "v"), shape.n_moving)
-    count |= {"slip": shape.n_dof} if shape.yielding else {}
-    count |= {"kd": shape.n_dof} if shape.yielding and shape.tangent else {}
-    count |= {"travel": shape.n_dof} if "hysteretic" in shape.reducers else {}
+    count |= dict.fromkeys(("kt", "ct", *(["kd"] if shape.tangent else [])), shape.n_dof) if shape.yielding else {}
+    count |= dict.fromkeys(shape.of_springs("rows"), len(shape.hysteretic))
+    count |= {"travel": len(shape.hysteretic)} if "hysteretic" in shape.reducers else {}
     count |= dict.fromkeys(("e_in", "e_damp"), shape.n_buildings) if "energy" in shape.reducers else {}
     count |= {"e_link": shape.n_buildings} if "links" in shape.reducers else {}
     if shape.law is not None:

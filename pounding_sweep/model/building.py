@@ -33,13 +33,14 @@ from pounding_sweep.model.faults import (
     one_or_several,
     set_fields,
 )
+from pounding_sweep.model.storeys import DEFAULT, STOREY_LAWS, Hysteresis
 
 #: Storey height where none is given (m).
 DEFAULT_STOREY_HEIGHT = 3.0
 #: Below these shares of the stiffness of the storey above, at first and after yielding, a first storey is of isolators.
 ISOLATING = (0.25, 0.1)
-#: Largest exponent of Bouc and Wen.
-MOST_SHARP = 100.0
+#: Largest error of shares that sum up to one.
+ROUNDING = 1e-9
 #: Largest difference of entries across the diagonal, over the largest entry, that counts as rounding.
 SYMMETRIC = 1e-6
 #: Stiffnesses that Rayleigh damping may follow in storeys that yield.
@@ -85,51 +86,6 @@ Matrix = Annotated[Sequence[Sequence[Finite]], BeforeValidator(_as_matrix)]
 _Strength = Annotated[Number, Field(gt=0.0)]
 _Strengths = Sequence[Annotated[_Strength, BeforeValidator(lambda value: math.inf if value is None else value)]]
 Strengths = Annotated[Sequence[float], one_or_several(_Strength, _Strengths)]
-
-
-@checked
-class BoucWen:
-    """Smooth hysteresis of storeys that yield, in place of the bilinear one: the law of Bouc and Wen.
-
-    With the drift d and the yield drift dy = Vy / k, the shear is V = r k d + (1 - r) k z, of the hardening r and::
-
-        z' = d' - |z / dy|^n (beta |d'| sign z + gamma d')
-
-    Parameters
-    ----------
-    n : float
-        How sharply it yields, at least 1: the larger, the nearer to bilinear.
-    beta, gamma : float
-        Shape of loops, numbers without a unit, -beta < gamma <= beta. At their default z tends to the yield drift,
-        and unloading is straight; in general to dy / (beta + gamma)**(1 / n).
-
-    References
-    ----------
-    Wen (1976), Method for random vibration of hysteretic systems, J. Eng. Mech. Div. ASCE 102(2). Its A is 1, so that k
-    is the initial stiffness: another one is the same law with other k, r, beta and gamma (Ma et al. 2004).
-
-    Examples
-    --------
-    >>> b = Building("a", [100.0], [1e5], yield_strengths=[200.0], bouc_wen=BoucWen(n=2.0))
-    >>> b.bouc_wen
-    BoucWen(n=2.0, beta=0.5, gamma=0.5)
-    """
-
-    n: Annotated[Number, Field(ge=1.0, le=MOST_SHARP)] = 1.0
-    beta: Number = 0.5
-    gamma: Number = 0.5
-
-    def __post_init__(self) -> None:
-        if not -self.beta < self.gamma <= self.beta:
-            raise SceneError(
-                f"gamma is {self.gamma:g} beside beta {self.beta:g}; it must be above -beta, so that z stays bounded, "
-                "and at most beta, so that no energy is won"
-            )
-
-    @property
-    def limit(self) -> float:
-        """What z tends to, over the yield drift."""
-        return float((self.beta + self.gamma) ** (-1.0 / self.n))
 
 
 @checked
@@ -207,8 +163,8 @@ class Building:
         Storey shears (kN) at first yield, bottom first; infinite where a storey never yields. A building without them
         is elastic.
     hardening : float or sequence of float
-        Stiffness of a storey that yields over its elastic one, in [0, 1): bilinear with kinematic hardening. One number
-        for all storeys, or one per storey, bottom first.
+        Stiffness of a storey that yields over its elastic one, in [0, 1). One number for all storeys, or one per
+        storey, bottom first.
     damping_stiffness : {"initial", "tangent"}
         Stiffness that Rayleigh damping follows in storeys that yield.
     slab_depths : float or sequence of float, optional
@@ -220,8 +176,10 @@ class Building:
     p_delta : bool
         Weights above a storey act on its drift: its lateral stiffness is less by P / h, of the weight P = m g above it
         (kN) and its height h. Periods, modes and Rayleigh damping are those of the building under its weight.
-    bouc_wen : BoucWen or mapping, optional
-        Smooth hysteresis of the storeys that yield, in place of the bilinear one.
+    hysteresis : mapping or sequence of mapping, optional
+        Law of the storeys that yield and its parameters, ``{"law": "bouc_wen", "n": 2.0}``; bilinear with kinematic
+        hardening where not given. Several are elements of each such storey side by side, which share its stiffness and
+        strength by their ``stiffness_share`` and ``strength_share``.
     dashpots : float or sequence of float, optional
         Coefficients (kN s/m) of dashpots between each floor and the one below (the ground), bottom first, beside
         Rayleigh's damping; zero where a storey has none.
@@ -268,7 +226,9 @@ class Building:
     slab_depths: OfStoreysOrZero | None = field(default=None, kw_only=True)
     column_stiffnesses: OfStoreys | None = field(default=None, kw_only=True)
     p_delta: Flag = field(default=False, kw_only=True)
-    bouc_wen: BoucWen | None = field(default=None, kw_only=True)
+    hysteresis: Annotated[Any, one_or_several(Hysteresis, Sequence[Hysteresis])] | None = field(
+        default=None, kw_only=True
+    )
     dashpots: OfStoreysOrZero | None = field(default=None, kw_only=True)
     foundation: Foundation | None = field(default=None, kw_only=True)
     base_elevation: Finite = field(default=0.0, kw_only=True)
@@ -370,12 +330,16 @@ class Building:
                 fault((name,), f"{len(values)} values for {n} masses; give one per storey")
         self._check_matrices(fault)
         if self.yield_strengths is None:
-            for name, default in (("hardening", 0.0), ("damping_stiffness", "initial"), ("bouc_wen", None)):
+            for name, default in (("hardening", 0.0), ("damping_stiffness", "initial"), ("hysteresis", None)):
                 if getattr(self, name) != default:
                     fault((name,), f"{name} is that of storeys that yield; give yield_strengths too, or leave it out")
-        if self.damping_stiffness == "tangent" and self.bouc_wen:
-            why = "bouc_wen has no tangent stiffness that is one number while a storey yields"
-            fault(("bouc_wen",), f'{why}; give damping_stiffness = "initial"')
+        for law in (STOREY_LAWS[element.law] for element in self.elements):
+            if self.damping_stiffness == "tangent" and not law.has_tangent:
+                why = f"{law.name} has no tangent stiffness that is one number while a storey yields"
+                fault(("hysteresis",), f'{why}; give damping_stiffness = "initial"')
+        for name in ("stiffness_share", "strength_share"):
+            if abs(total := math.fsum(getattr(element, name) for element in self.elements) - 1.0) > ROUNDING:
+                fault(("hysteresis",), f"the sum of {name} of all elements is {1.0 + total:g}; it must be 1")
         if self.damping_stiffness == "tangent" and self.p_delta:
             fault(
                 ("p_delta",),
@@ -444,6 +408,12 @@ class Building:
                 f"{repr_short(self.damping_ratio)} gives the Rayleigh factors {self.rayleigh!r}, negative ones of "
                 "which would feed energy in; bring the ratios of the first two modes closer together",
             )
+
+    @property
+    def elements(self) -> tuple[Any, ...]:
+        """Parameters of storey laws of the elements of each storey that yields."""
+        given = DEFAULT.Parameters() if self.hysteresis is None else self.hysteresis
+        return given if isinstance(given, tuple) else (given,)
 
     @property
     def on_isolators(self) -> bool:

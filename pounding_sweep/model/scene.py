@@ -44,6 +44,7 @@ from pounding_sweep.model.meeting import (
     effective_mass,
     meetings,
 )
+from pounding_sweep.model.storeys import STOREY_LAWS, StoreyLaw
 
 
 @checked
@@ -144,6 +145,14 @@ class Link:
             raise SceneError("stiffness and damping are zero; give one of them, or leave it out")
         pairs = ((storey, storey) if isinstance(storey, int) else storey for storey in self.storeys)
         set_fields(self, floors=tuple(pairs))
+
+
+class Spring(NamedTuple):
+    """An element of a storey that follows a storey law."""
+
+    floor: int  # degree of freedom above it
+    law: StoreyLaw
+    parameters: Any  # of the law
 
 
 class LinkedFloors(NamedTuple):
@@ -365,10 +374,9 @@ class Scene:
     n_dof: int = derived()  # floors of all buildings
     n_moving: int = derived()  # the same, and displacements and rotations of bases on foundations
     offsets: tuple[int, ...] = derived()  # first degree of freedom of each building, and the total at the end
-    #: whether the storey below each floor may yield, may fall, has the hysteresis of Bouc and Wen, has a dashpot
+    #: whether the storey below each floor may yield, may fall, has a dashpot
     yields: tuple[bool, ...] = derived()
     falls: tuple[bool, ...] = derived()
-    smooth: tuple[bool, ...] = derived()
     dashed: tuple[bool, ...] = derived()
     foundations: tuple[int, ...] = derived()  # buildings that stand on foundations, by their numbers
     #: whether each building moves in modes that damping leaves apart: no dashpots, no links, no foundations
@@ -405,7 +413,6 @@ class Scene:
             offsets=(0, *itertools.accumulate(building.n_storeys for building in buildings)),
             yields=tuple(flag for building in buildings for flag in building.yields),
             falls=tuple(math.isfinite(limit) for building in buildings for limit in building.drift_limits),
-            smooth=tuple(flag and building.bouc_wen is not None for building in buildings for flag in building.yields),
             dashed=tuple(flag for building in buildings for flag in building.dashed),
             foundations=tuple(b for b, building in enumerate(buildings) if building.foundation is not None),
             has_classical_modes=not (self.links or any(item.has_coupled_modes for item in buildings)),
@@ -553,6 +560,21 @@ class Scene:
         """First degree of freedom of each of the row; of a wall, of its right neighbour."""
         counts = [item.n_storeys if isinstance(item, Building) else 0 for item in self.row]
         return tuple(int(i) for i in np.cumsum([0, *counts[:-1]]))
+
+    @cached_property
+    def springs(self) -> tuple[Spring, ...]:
+        """Elements of storeys that follow a storey law, bottom first."""
+        return tuple(
+            Spring(first + storey, STOREY_LAWS[element.law], element)
+            for building, first in zip(self.buildings, self.offsets, strict=False)
+            for storey in np.flatnonzero(building.yields).tolist()
+            for element in building.elements
+        )
+
+    @cached_property
+    def flows(self) -> bool:
+        """Whether internal variables of a storey flow between events."""
+        return not all(spring.law.straight for spring in self.springs)
 
     @cached_property
     def linked_floors(self) -> tuple[LinkedFloors, ...]:

@@ -26,6 +26,7 @@ import numpy as np
 from pounding_sweep.model.building import Building, Foundation
 from pounding_sweep.model.meeting import column_softness, effective_mass
 from pounding_sweep.model.scene import Scene
+from pounding_sweep.model.storeys import Numbers
 
 #: Rows of linked buildings whose modes are found at a time.
 _BLOCK = 4096
@@ -196,6 +197,26 @@ class Variants:
             rows = item.shears if name == "shear" else item.moment[None]
             parts.append(np.outer(1.0 / factor, np.diag(rows @ np.linalg.solve(item.system_matrix, rows.T))))
         return np.concatenate(parts, axis=1)
+
+    @cached_property
+    def spring_numbers(self) -> list[Numbers]:
+        """What storey laws ask of each spring, shape (n,) each."""
+        numbers = []
+        for i, _, element in self.scene.springs:
+            stiffness, drift = element.stiffness_share, element.strength_share / element.stiffness_share
+            k, r, dy = (table[:, i] for table in (self.stiffnesses, self.hardenings, self.yield_drifts))
+            numbers.append(Numbers(stiffness * k, r, drift * dy))
+        return numbers
+
+    @cached_property
+    def spring_constants(self) -> dict[str, np.ndarray]:
+        """Constants of storey laws by name, shape (n, springs), zero for springs of other laws."""
+        springs, result = self.scene.springs, dict[str, np.ndarray]()
+        for e, (spring, numbers) in enumerate(zip(springs, self.spring_numbers, strict=True)):
+            share = {"stiffness_share": spring.parameters.stiffness_share}
+            for name, values in (spring.law.values(spring.parameters, numbers) | share).items():
+                result.setdefault(name, np.zeros((len(self), len(springs))))[:, e] = values
+        return result
 
     @cached_property
     def frequencies(self) -> list[np.ndarray]:

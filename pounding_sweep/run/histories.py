@@ -8,6 +8,7 @@ import numpy as np
 
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import history_slots
+from pounding_sweep.model.storeys import Sampled
 from pounding_sweep.model.variants import variants_of
 from pounding_sweep.records import Record
 from pounding_sweep.variables.registry import DIMS, scatter
@@ -62,16 +63,21 @@ def histories(kernel: RowKernel, states: np.ndarray, record: Record, time: np.nd
     # in one more step of the record the ground comes to rest
     ground = np.append(record.time, record.duration + record.dt), np.append(record.acceleration, 0.0)
 
-    # storeys: the elastic part, and that which may yield
-    drift, plastic, soft = moved @ drifts.T, part.get("slip", 0.0), 1.0 - row.hardenings[0]
-    stiffnesses = row.stiffnesses[0]
+    # storeys, and their springs
+    drift, stiffnesses = moved @ drifts.T, row.stiffnesses[0]
+    spring = part.get("kt", stiffnesses) * drift + part.get("ct", 0.0)
     # of a building by its matrix shears are what it puts on the floors above, and hold what they have moved
     dense = np.repeat(["k" in b.letters for b in scene.buildings], np.diff(scene.offsets))
-    spring = np.where(dense, moved @ scene.of_buildings("lateral_shears").T, stiffnesses * (drift - soft * plastic))
-    strain = 0.5 * stiffnesses * ((1.0 - soft) * drift**2 + soft * (drift - plastic) ** 2)
-    strengths = np.where(scene.yields, row.yield_strengths[0], 0.0)
-    strain = np.where(dense, 0.5 * spring * drift, strain)
-    hysteretic = ((1.0 - row.elastic_hardenings[0]) * strengths * part.get("travel", np.zeros_like(u))) @ owned[:n]
+    spring = np.where(dense, moved @ scene.of_buildings("lateral_shears").T, spring)
+    strain, plastic, lost = 0.5 * spring * drift, np.zeros_like(drift), np.zeros_like(drift)
+    strain[:, list({element.floor for element in scene.springs})] = 0.0
+    for e, (element, numbers) in enumerate(zip(scene.springs, row.spring_numbers, strict=True)):
+        values = {name: constants[0, e] for name, constants in row.spring_constants.items()}
+        values |= {name: part[name][:, e] for name in element.law.rows}
+        strain[:, element.floor] += element.law.stored(Sampled(numbers.stiffness[0], values), drift[:, element.floor])
+        plastic[:, element.floor] += values["slip"] * numbers.stiffness[0] / stiffnesses[element.floor]
+        lost[:, element.floor] += element.law.loss(numbers)[0] * (part["travel"][:, e] if "travel" in part else 0.0)
+    hysteretic = lost @ owned[:n]
     kd = part.get("kd", stiffnesses)
     damper = (np.where(dense, 0.0, beta * kd) + row.dashpots[0]) * (moving @ drifts.T)
 

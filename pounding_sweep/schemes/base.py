@@ -29,7 +29,7 @@ class Scheme(ABC):
     #: steps of its largest acceleration that the range of the ground's velocity must exceed: where the ground turns
     #: back within steps, sums over stages give wrong energies, and ends of steps alone miss the motion too
     min_ground_steps = 0.0
-    follows_smooth = False  # it takes rows whose storeys have the hysteresis of Bouc and Wen
+    follows_flow = False  # it takes rows whose storeys have internal variables that flow between events
     parameters: tuple[str, ...] = ()  # settings of a sweep that are its own
     without_limit = "the newmark scheme"  # what has no stability limit instead, as the end of "give dt <= ..., "
     #: steps that the fastest part of the shortest contact needs, located or not
@@ -49,9 +49,10 @@ class Scheme(ABC):
     def refuses(self, scene: Scene, precision: str = "float64") -> str | None:
         """Say why it can't take a row in a number format; None where it can."""
         del precision
-        if any(scene.smooth) and not self.follows_smooth:
-            name = next(building.name for building in scene.buildings if building.bouc_wen)
-            return f"does not follow storeys of Bouc and Wen, as those of building {name!r} are"
+        for floor, law, _ in () if self.follows_flow else scene.springs:
+            if not law.straight:
+                name = scene.buildings[np.searchsorted(scene.offsets, floor, "right") - 1].name
+                return f"does not follow storeys of law {law.name!r}, as building {name!r} has"
         return None
 
     @abstractmethod

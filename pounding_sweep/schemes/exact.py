@@ -64,7 +64,7 @@ class Exact(Explicit):
     order = 4  # of contacts, whose forces begin with a root
     min_steps_located = 1.5
     flies_exactly = True
-    follows_smooth = True  # by series or stages alone: its plastic drifts flow all along
+    follows_flow = True  # by series or stages alone: its plastic drifts flow all along
     step_cost = 0.4
     ladder = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
     finest_float32 = 2.0
@@ -98,7 +98,7 @@ class Exact(Explicit):
     def refuses(self, scene: Scene, precision: str = "float64") -> str | None:
         """Rows whose modes are too near to each other for the number format."""
         why = super().refuses(scene, precision)
-        if why is not None or scene.has_classical_modes or any(scene.smooth):
+        if why is not None or scene.has_classical_modes or not all(spring.law.flies for spring in scene.springs):
             return why
         error = float(coupled_modes(variants_of(scene), precision).error[0])
         if error <= MAX_MODE_ERROR[precision]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import bouc_wen, impulse, links
+from pounding_sweep.kernel import hysteresis, impulse, links
 from pounding_sweep.kernel.group import Contact, Group, Part
 from pounding_sweep.kernel.march import keep_start
 from pounding_sweep.kernel.row import Pushes, accelerations, iter_powers, powers
@@ -59,7 +59,7 @@ class Explicit(Scheme):
         # each other are given one acceleration if `joins`.
         s, requested, spec = group.state, group.requested, group.spec
         grounds = {place: group.ground.at(float(place)) for place, _ in self.nodes}
-        rows, flow = part is None, bouc_wen.Flow(group) if spec.smooth else None
+        rows, flow = part is None, hysteresis.Flow(group) if spec.flowing else None
         floors = [] if part is None else part.dofs
         m: Any = s if rows else {(name, p): s[name, i] for p, i in enumerate(floors) for name in ("u0", "v0")}
 
@@ -206,8 +206,8 @@ def _add_sums(group: Group, m: Any, touching: bool) -> None:
     for b in group.indices(group.spec.n_buildings) if "transfer" in requested and touching else ():
         if rows or ("gain", b) in m:
             s["gain", b] = h6 * m["gain", b]
-    for i, _ in group.spec.smooth if "hysteretic" in requested else ():
-        s["travel", i] = fma(h6, m["travel", i], s["travel", i])
+    for spring in hysteresis.flowing(group) if "hysteretic" in requested else ():
+        spring.travel = fma(h6, m["travel", spring.number], spring.travel)
 
 
 class Rk4(Explicit):
@@ -223,7 +223,7 @@ class Rk4(Explicit):
     title = "classical fourth-order Runge-Kutta"
     source = "Hairer, Nørsett & Wanner 1993"
     order = 4
-    follows_smooth = True
+    follows_flow = True
     min_steps_located = 1.5
     min_ground_steps = 1.0
     step_cost = 2.6

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import bouc_wen, impulse, links
+from pounding_sweep.kernel import hysteresis, impulse, links
 from pounding_sweep.kernel.forces import (
     OPEN,
     PRESSING,
@@ -275,7 +275,7 @@ class Newmark(Scheme):
     order = 2
     implicit = True
     min_ground_steps = 8.0
-    follows_smooth = True
+    follows_flow = True
     parameters = ("beta", "gamma")
     without_limit = "beta >= (gamma + 0.5)^2 / 4, which has no limit,"
     min_steps_located = 12.0
@@ -302,7 +302,7 @@ class Newmark(Scheme):
 
     def flight(self, group: Group, h: Any) -> Callable[[], None]:
         """Take a step of all lanes without contact."""
-        if group.spec.smooth:
+        if group.spec.flowing:
             keep_start(group)
             return self.trial(group)
         self._reach(group, h, flies=True)
@@ -316,10 +316,16 @@ class Newmark(Scheme):
 
     def trial(self, group: Group) -> Callable[[], None]:
         """Try a sub-step of every lane's own length, contacts implicit."""
-        for _ in bouc_wen.rounds(group) if group.spec.smooth else (None,):
+
+        def take() -> None:
             self._reach(group, group.state["h"])
             if group.touching:
                 correct(group, group.state["h"])
+
+        if group.spec.flowing:
+            hysteresis.solve_step(group, take)
+        else:
+            take()
         return partial(self._add_gains, group)
 
     def _reach(self, group: Group, h: Any, flies: bool = False) -> None:
@@ -353,8 +359,8 @@ class Newmark(Scheme):
             for (b, *_), first, last in zip(part.blocks, early, late, strict=True):
                 for name, x0, x1 in zip(("e_in", "e_damp"), first, last, strict=True):
                     s[name, b] = fma(h6, 3.0 * (x0 + x1), s[name, b])
-        for storey in bouc_wen.iter_storeys(group) if "hysteretic" in group.requested else ():
-            bouc_wen.add_dissipated(storey)
+        if "hysteretic" in group.requested:
+            hysteresis.add_dissipated(group)
         if "links" in group.requested:
             links.add_powers(group, "u0", "v0", 3.0, first=True)
             links.add_powers(group, "u", "v", 3.0, first=False)

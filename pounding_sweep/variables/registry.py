@@ -16,13 +16,14 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, unknown
-from pounding_sweep.kernel import bouc_wen, hysteresis, links, rest
+from pounding_sweep.kernel import hysteresis, links, rest
 from pounding_sweep.kernel.group import Contact, Group, Storey
 from pounding_sweep.kernel.peaks import Motion
 from pounding_sweep.kernel.spec import KernelSpec, Slots, result_slots
 from pounding_sweep.lanes import maximum, where
 from pounding_sweep.model.meeting import column_shares
 from pounding_sweep.model.scene import Scene
+from pounding_sweep.model.storeys import Sampled
 from pounding_sweep.model.variants import Variants
 
 #: Dimensions inside a scenario.
@@ -168,7 +169,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Slot:
-    """A number that a kernel keeps of each "floor", "contact", "link", "building" or "base", and its first value."""
+    """A number that a kernel keeps of each "floor", "spring", "contact", "link", "building" or "base", at first."""
 
     # the first value follows from the number of the floor or contact, or from the floors of the building; else it is 0
 
@@ -179,6 +180,7 @@ class Slot:
     def count(self, shape: KernelSpec) -> int:
         """How many of it a kernel has."""
         counts = {"floor": shape.n_dof, "contact": len(shape.contacts), "link": len(shape.links)}
+        counts |= {"spring": len(shape.hysteretic)}
         return (counts | {"building": shape.n_buildings, "base": len(shape.foundations)})[self.per]
 
 
@@ -342,16 +344,17 @@ def _roof_ratio(results: KernelResults) -> np.ndarray:
 
 
 def _residual(results: KernelResults) -> np.ndarray:
-    """Drifts without force: (1 - r) p, as far as no storey yields back, at r d = (1 - r) dy; none where it falls."""
-    if "slip" not in results.slots:
-        return np.zeros((len(results), results.scene.n_dof))
-    p, r, limit = results.slots["slip"], results.variants.hardenings, results.variants.yield_drifts
-    p = np.where(results.scene.smooth, np.nan, p)  # that goes on flowing while it unloads
-    back = np.where(r != 0.0, limit / np.where(r != 0.0, np.abs(r), 1.0), np.inf)
-    rest = (1.0 - r) * np.sign(p) * np.minimum(np.abs(p), back)
+    """Drifts without force, by storey laws; none where a storey falls."""
+    rest = np.zeros((len(results), results.scene.n_dof))
+    constants = results.variants.spring_constants
+    for e, spring in enumerate(results.scene.springs if "slip" in results.slots else ()):
+        values = {name: numbers[:, e] for name, numbers in constants.items()} | {"slip": results.slots["slip"][:, e]}
+        stiffness = results.variants.spring_numbers[e].stiffness
+        alone = spring.parameters.stiffness_share == 1.0  # of several elements it is not known
+        rest[:, spring.floor] = spring.law.residual(Sampled(stiffness, values)) if alone else np.nan
     if "collapse_time" in results.slots:  # where a storey falls, the row is still in motion
         rest = np.where((results.slots["collapse_time"] >= 0.0).any(axis=1, keepdims=True), np.nan, rest)
-    return np.asarray(np.where((r < 0.0) & (np.abs(p) > back), np.nan, rest))
+    return rest
 
 
 def _first_fall(results: KernelResults, of_time: bool) -> np.ndarray:
@@ -363,13 +366,11 @@ def _first_fall(results: KernelResults, of_time: bool) -> np.ndarray:
 
 
 def _shears(group: Group, straight: bool) -> Iterator[Motion]:
-    for storey in hysteresis.iter_storeys(group, straight):
-        i, of = storey.index, partial(_borne, storey, hysteresis.shear)
-        # it turns with the drift, which is asked for too
-        yield Motion(("shear", i), None, True, partial(_softness, storey, True), of, shear=i, alone=False)
-    for storey in bouc_wen.iter_storeys(group):
-        soft = partial(_softness, storey, True)
-        yield Motion(("shear", storey.index), None, True, soft, partial(_borne, storey, bouc_wen.shear))
+    for storey in group.iter_storeys(group.spec.yielding, straight or bool(group.spec.flowing)):
+        i, of, soft = storey.index, partial(_borne, storey), partial(_softness, storey, True)
+        flows = isinstance(i, int) and i in group.spec.flowing
+        # a shear that is a straight line turns with the drift, which is asked for too
+        yield Motion(("shear", i), None, True, soft, of, **({} if flows else {"shear": i, "alone": False}))
 
     for b, floors in enumerate(group.spec.floors):
         for s, i in enumerate(floors) if "k" in group.spec.letters(b) else ():
@@ -398,11 +399,11 @@ def _softness(storey: Storey, of_shear: bool = False) -> Any:
     return borne * borne / k if of_shear else 1.0 / k
 
 
-def _borne(storey: Storey, shear: Callable[[Storey, Any], Any], name: Any = "u") -> Any:
+def _borne(storey: Storey, name: Any = "u") -> Any:
     """Shear of a storey, which bears what the weights above it push too."""
     if not storey.group.spec.p_delta:
-        return shear(storey, name)
-    return shear(storey, name) + storey.geometric * storey.drift(name)
+        return hysteresis.shear(storey, name)
+    return hysteresis.shear(storey, name) + storey.geometric * storey.drift(name)
 
 
 def _column_shear(results: KernelResults, end: int) -> np.ndarray:
@@ -450,11 +451,10 @@ def _work(results: KernelResults) -> np.ndarray:
 
 
 def hysteretic(results: KernelResults) -> np.ndarray:
-    """(1 - r) k dy by the plastic travel of its storeys, by building."""
-    if "travel" not in results.slots:
-        return np.zeros((len(results), len(results.scene.buildings)))
-    held = (1.0 - results.variants.elastic_hardenings) * results.variants.yield_strengths
-    lost = np.where(results.slots["travel"] > 0.0, held, 0.0) * results.slots["travel"]
+    """Energy that springs lose by their ``travel``, by building."""
+    lost, row = np.zeros((len(results), results.scene.n_dof)), results.variants
+    for e, (spring, numbers) in enumerate(zip(results.scene.springs, row.spring_numbers, strict=True)):
+        lost[:, spring.floor] += spring.law.loss(numbers) * results.slots["travel"][:, e]
     return np.add.reduceat(lost, results.scene.offsets[:-1], axis=1)
 
 
@@ -491,7 +491,7 @@ DEFINITIONS = {
     "missing where a storey has no yield strength.",
     "residual_drift": "Signed interstorey displacement at which the building comes to rest after the "
     "record (RID, times the storey height): no storey shear is left. 0 where a storey has not yielded; missing where "
-    "it falls under the weight above it, and of storeys of Bouc and Wen.",
+    "it falls under the weight above it, and of storeys whose law does not tell, or that have several elements.",
     "impact_force_max": "Largest contact force, pressing positive, 0 where the floors never touched; where the force "
     "jumps at a touch, the limit just after it counts. Missing where floors touched under a law without a force "
     "(velocities jump).",
@@ -589,7 +589,7 @@ REDUCERS: dict[str, Reducer] = {
         ),
         Reducer("shear", (Slot("shear", "floor"),), where="shears", follows=_shears),
         Reducer("moment", (Slot("moment", "building"),), follows=_moments),
-        Reducer("residual", (Slot("slip", "floor"),), where="yields"),
+        Reducer("residual", (Slot("slip", "spring"),), where="yields"),
         Reducer("collapse", (Slot("collapse_time", "floor", lambda group, i: -1.0),), where="falls"),
         Reducer("acceleration", (Slot("acc", "floor"),), looks="ends"),
         Reducer(
@@ -646,7 +646,7 @@ REDUCERS: dict[str, Reducer] = {
         ),
         Reducer("time", (Slot("tclosed", "contact"),), where="touch", substep=_closed_substep, plain=_closed),
         Reducer("energy", tuple(Slot(name, "building") for name in ("e_in", "e_damp", "e_kin", "e_strain", "e_held"))),
-        Reducer("hysteretic", (Slot("travel", "floor"),), where="yields"),
+        Reducer("hysteretic", (Slot("travel", "spring"),), where="yields"),
         Reducer(
             "links", (Slot("e_link", "building"), Slot("link_lost", "link"), Slot("link_held", "link")), where="linked"
         ),

@@ -1,0 +1,143 @@
+"""Storey laws: what every entry of the registry holds, and what of a row's kernels follows from it."""
+
+from __future__ import annotations
+
+import json
+from importlib import import_module
+
+import numpy as np
+import pytest
+from against_reference import motion
+
+import pounding_sweep as ps
+from pounding_sweep.base.errors import SceneError
+from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
+from pounding_sweep.kernel.spec import from_json, history_slots, property_slots, to_json
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.model.storeys import STOREY_LAWS
+from pounding_sweep.model.variants import variants_of
+from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.variables.registry import reducers_for
+
+each_law = pytest.mark.parametrize("name", STOREY_LAWS)
+
+
+#: Test module of each law, named as it: its `PARAMETERS`, and shears by a `reference` that follows drifts one by one.
+MODULES = {name: import_module(f"test_{name}") for name in STOREY_LAWS}
+
+
+def table(name):
+    return {"law": name, **MODULES[name].PARAMETERS}
+
+
+def row(name):
+    return ps.Scene(
+        [
+            ps.Building("a", [100.0, 80.0], [1e5, 8e4], yield_strengths=[np.inf, 90.0], hysteresis=table(name)),
+            ps.Building("b", [90.0], [1.2e5]),
+        ],
+        [0.01],
+    )
+
+
+@each_law
+@pytest.mark.parametrize(("method", "dt"), [("rk4", 2e-3), ("newmark", 2e-3), ("exact", 4e-3)])
+@pytest.mark.usefixtures("twin")
+def test_shears_are_those_of_the_reference(name, method, dt):
+    building = ps.Building("a", [100.0], [4e4], yield_strengths=[150.0], hardening=0.1, hysteresis=table(name))
+    one = ps.simulate(ps.Scene([building]), motion(31, 1.0), law="none", method=method, dt=dt, rest=0.0)
+    drift, shear = one.storey_drift.values.ravel(), one.storey_shear.values.ravel()
+    assert one.ductility_max.item() > 1.5
+    np.testing.assert_allclose(shear, MODULES[name].reference(drift, 4e4, 150.0 / 4e4, 0.1), atol=0.5)
+    work = np.sum(0.5 * (shear[1:] + shear[:-1]) * np.diff(drift))
+    lost = one.hysteretic_energy.item()
+    assert lost > 0.1
+    assert lost + one.strain.values[-1].item() == pytest.approx(work, abs=0.01 * np.abs(shear).max() * np.ptp(drift))
+
+
+@each_law
+def test_a_law_is_named_in_a_table(name):
+    building = row(name).buildings[0]
+    assert building.elements == (building.hysteresis,)
+    assert isinstance(building.hysteresis, STOREY_LAWS[name].Parameters)
+    assert building.hysteresis.law == name
+    again = ps.Building("a", [100.0, 80.0], [1e5, 8e4], yield_strengths=[np.inf, 90.0], hysteresis=building.hysteresis)
+    assert again == building
+
+
+@pytest.mark.parametrize(
+    ("hysteresis", "message"),
+    [
+        ({"law": "bilinar"}, "unknown storey law 'bilinar'; did you mean 'bilinear'"),
+        ({}, "has no law; give the name of a storey law, one of bilinear, bouc_wen"),
+        ("bilinear", "must be a table with a law, one of bilinear, bouc_wen"),
+        ({"law": "bilinear", "n": 2.0}, "unknown key 'n'"),
+    ],
+)
+def test_what_names_no_law_is_refused(hysteresis, message):
+    with pytest.raises(SceneError, match=message):
+        ps.Building("a", [1.0], [1.0], yield_strengths=[1.0], hysteresis=hysteresis)
+
+
+@each_law
+def test_kernels_have_the_rows_and_constants_of_a_law_for_its_springs_alone(name):
+    law, scene = STOREY_LAWS[name], row(name)
+    shape = kernel_shape(scene, LAWS["none"], Numerics("rk4", 1e-3), reducers_for(["drift_max"]))
+    assert shape.yielding == (1,)
+    assert from_json(json.loads(json.dumps(to_json(shape)))) == shape
+    for slots, names in ((property_slots(shape), law.constants), (history_slots(shape), law.rows)):
+        assert all(slots.count[each] == 1 for each in names)
+    constants = variants_of(scene).spring_constants
+    assert set(constants) == {*law.constants, "stiffness_share"}
+    assert all(np.isfinite(values).all() and values.shape == (1, 1) for values in constants.values())
+    assert variants_of(scene).spring_numbers[0].yield_drift == pytest.approx(90.0 / 8e4)
+
+
+@each_law
+def test_exact_flies_where_the_first_branch_has_the_stiffness_of_the_storey(name):
+    shape = kernel_shape(row(name), LAWS["linear"], Numerics("exact", 1e-3), reducers_for(["drift_max"]))
+    assert shape.flies_exactly == STOREY_LAWS[name].flies
+    refused = [scheme.name for scheme in SCHEMES.values() if scheme.refuses(row(name))]
+    assert refused == ([] if STOREY_LAWS[name].straight else ["central_difference"])
+
+
+@pytest.mark.parametrize("method", ["rk4", "exact"])
+@pytest.mark.parametrize("second", STOREY_LAWS)
+@pytest.mark.usefixtures("twin")
+def test_elements_of_a_storey_bear_the_sum_of_their_shears(second, method):
+    """Each has a law, a state and a strength of its own."""
+    k, strength, r = 4e4, 150.0, 0.1
+    shares = [(0.7, 0.4), (0.3, 0.6)]
+    laws = [table("bilinear"), table(second)]
+    elements = [
+        law | {"stiffness_share": stiff, "strength_share": strong}
+        for law, (stiff, strong) in zip(laws, shares, strict=True)
+    ]
+    building = ps.Building("a", [100.0], [k], yield_strengths=[strength], hardening=r, hysteresis=elements)
+    one = ps.simulate(ps.Scene([building]), motion(31, 1.2), law="none", method=method, dt=4e-3, rest=0.0)
+    drift, shear = one.storey_drift.values.ravel(), one.storey_shear.values.ravel()
+    parts = [
+        MODULES[law["law"]].reference(drift, stiff * k, strong * strength / (stiff * k), r)
+        for law, (stiff, strong) in zip(laws, shares, strict=True)
+    ]
+    want = np.sum(parts, axis=0)
+    np.testing.assert_allclose(shear, want, atol=1.0)
+    assert np.abs(want - MODULES[second].reference(drift, k, strength / k, r)).max() > 5.0
+    work = np.sum(0.5 * (shear[1:] + shear[:-1]) * np.diff(drift))
+    assert one.hysteretic_energy.item() > 0.1
+    assert one.hysteretic_energy.item() + one.strain.values[-1].item() == pytest.approx(
+        work, abs=0.01 * np.abs(shear).max() * np.ptp(drift)
+    )
+
+
+@pytest.mark.parametrize(
+    ("shares", "message"),
+    [
+        ([0.5, 0.6], "the sum of stiffness_share of all elements is 1.1; it must be 1"),
+        ([0.0, 1.0], "hysteresis.0.stiffness_share|stiffness_share"),
+    ],
+)
+def test_shares_that_are_no_parts_of_a_storey_are_refused(shares, message):
+    elements = [{"law": "bilinear", "stiffness_share": share, "strength_share": 0.5} for share in shares]
+    with pytest.raises(SceneError, match=message):
+        ps.Building("a", [1.0], [1.0], yield_strengths=[1.0], hysteresis=elements)
