@@ -240,3 +240,13 @@ ROWS = {
 def test_every_kind_of_row_beside_the_reference(kind):
     law = "linear" if kind == "struck columns" else "kelvin_voigt"
     check_reference(ROWS[kind], law, 1e-8, method="exact", loose=["acceleration_max"])
+
+
+def test_ratios_of_an_axis_are_those_of_all_modes_where_damping_is_modal(stub_engine):
+    """Whatever Rayleigh's ratio is that such a building has by default, and none of a damping matrix."""
+    building = ps.Building("a", MASSES, stiffness_matrix=flexible(), modal_damping=0.1)
+    cube = ps.Sweep(ps.Scene([building]), "el_centro", "none", damping_ratios=[0.02, 0.05]).run()
+    assert cube.first_damping_ratio.values.ravel() == pytest.approx([0.02, 0.05])
+    scene = ps.Scene([replace(building, modal_damping=None, damping_matrix=DAMPING)])
+    with pytest.raises(ps.PoundingSweepError, match="damping_matrix, which ratios do not change"):
+        ps.Sweep(scene, "el_centro", "none", damping_ratios=[0.02])

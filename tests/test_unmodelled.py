@@ -11,6 +11,7 @@ import pytest
 from pounding_sweep.base.errors import SceneError
 from pounding_sweep.base.files import read_data
 from pounding_sweep.model.building import Building, Foundation
+from pounding_sweep.model.frames import typical_building
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import Bumper, ContactProperties, Link, Scene
 from pounding_sweep.records import Record
@@ -36,7 +37,8 @@ def test_keys_of_what_cannot_be_modelled_are_not_keys_that_are_valid():
 
 def test_a_plan_names_two_periods_of_tall_buildings():
     tall, low = Building("tall", [100.0] * 4, 1e5), Building("low", [100.0] * 3, 1e5)
-    rows = dict(Sweep(Scene([tall, low], 0.01, ContactProperties(2e6)), "el_centro", "linear").plan().rows())
+    walls = typical_building("walls", 5, 0.4, 100.0)  # no chain
+    rows = dict(Sweep(Scene([tall, low, walls], 0.01, ContactProperties(2e6)), "el_centro", "linear").plan().rows())
     w = 2.0 * np.sqrt(1e5 / 100.0) * np.sin(np.array([1, 3]) * np.pi / 18)  # a uniform chain of four
     first, second = 2.0 * np.pi / w
     assert rows["model"].endswith(

@@ -311,7 +311,7 @@ class Plan:
             rows.append(("refused", f"{plan['refused']}: beyond the stability limit; {remedy}"))
         rows += [("kernels", f"{plan['kernels']}{kernels}"), ("steps", f"{steps} per scenario")]
         rows += [("accuracy", self.choice)] if self.choice else []
-        tall = [building for building in self.spec.scene.buildings if building.n_storeys > _FEW_STOREYS]
+        tall = [b for b in self.spec.scene.buildings if b.stiffness_matrix is None and b.n_storeys > _FEW_STOREYS]
         if tall:
             periods = ", ".join(f"{b.name} {b.periods[0]:.3g} and {b.periods[1]:.3g} s" for b in tall)
             rows.append(("model", f"a chain of storeys; compare its first two periods with the building's: {periods}"))

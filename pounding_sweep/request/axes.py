@@ -165,6 +165,14 @@ def _need_strengths(scene: Scene, names: Sequence[str], _records: Sequence[Recor
             yield (building.name,), f"building {building.name!r} has no yield_strengths; give them, or leave it out"
 
 
+def _need_ratios(scene: Scene, _laws: Sequence[Any], _records: Sequence[Record]) -> Iterator[Fault]:
+    """Tell buildings whose damping is no matter of ratios."""
+    for building in scene.buildings:
+        if building.damping_matrix is not None:
+            why = f"building {building.name!r} has a damping_matrix, which ratios do not change; leave one of them out"
+            yield ("damping_ratios",), why
+
+
 #: Factors on a period or on masses: beyond them nothing is a building, and numbers run out of range.
 _FACTOR = {"ge": 1e-3, "le": 1e3}
 
@@ -243,8 +251,9 @@ class AxisValues:
     )
     damping_ratios: Values = _axis(
         "damping_ratio", "damping_ratio", "damping ratio", {"ge": 0.0, "lt": 1.0},
-        "Rayleigh damping ratios of the first two modes of all buildings, in [0, 1); by default each building's own.",
-        "damping ratio of the first two modes of all buildings", of_buildings=True,
+        "Damping ratios of all buildings, in [0, 1): Rayleigh's of the first two modes, or of all modes where a "
+        "building has modal_damping; by default each building's own.",
+        "damping ratio of the first two modes of all buildings", of_buildings=True, requires=_need_ratios,
     )
     strength_factors: NamedValues = _by_building(
         "strength_factor", "strength_factor", "factor on yield strengths", {"ge": 1e-9, "le": 1e9},

@@ -151,7 +151,9 @@ def scene_variants(scene: Scene, n: int, settings: Iterable[tuple[str, str | Non
     ratio = np.full(n + 1, math.nan)
     for kind, name, values in settings:
         if name is None:
-            ratios = {building.damping_ratio for building in scene.buildings}
+            ratios = {
+                None if building.modal_damping is not None else building.damping_ratio for building in scene.buildings
+            }
             common = ratios.pop() if len(ratios) == 1 else None
             ratio[1:] = np.where(values == common, math.nan, values) if isinstance(common, float) else values
         else:
