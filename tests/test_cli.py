@@ -352,7 +352,8 @@ def written_files(command=None, name=""):
 
 
 def test_data_are_never_replaced_unasked_and_figures_say_that_they_are():
-    pictures = {"plot -o", "animate -o", "records plot -o", "tradeoff --plot", "extremes --plot"}
+    pictures = {f"{name} -o" for name in ("plot", "animate", "records plot", "view", "report")}
+    pictures |= {"tradeoff --plot", "extremes --plot"}
     for name, told, options in written_files():
         assert told.endswith("replaced if it exists.") == (name in pictures), name
         assert name in pictures or "--overwrite" in options, name

@@ -28,7 +28,7 @@ RUN = {
         "figures",
         "figures.gallery.scenario",
     ),
-    *("output.audited", "output.describe", "output.merge", "output.netcdf", "pages.view"),
+    *("output.audited", "output.describe", "output.merge", "output.netcdf", "pages.report", "pages.view"),
     "run.simulate",
 }
 

@@ -183,7 +183,7 @@ def _print_figures(dataset: xr.Dataset) -> None:
 @command("view")
 def view_command(
     cube: CubeFile,
-    out: Path | None = output("FILE.html", "Page to write, replaced if it exists; CUBE.html here by default."),
+    out: Path | None = output("FILE.html", "Page to write, CUBE.html here by default; replaced if it exists."),
     names: list[str] | None = option("NAME", "Only this variable; repeat for several.", "--var"),
     at: At = None,
 ) -> None:

@@ -98,7 +98,8 @@ def describe(dataset: xr.Dataset, sizes: Mapping[str, int] | None = None, but: C
     for name, value in single.items():
         size = sizes.get(name, 0)
         repeated = name == "scale" and not {"pga", "sa"}.isdisjoint(single)
-        axis = name in _AXES or size or name.startswith(_BY_NAME)
+        by_name = name.startswith(_BY_NAME) and name != "restitution_realised"  # which belongs to each law
+        axis = name in _AXES or size or by_name
         if axis and name not in but and not repeated and not (size == 1 and value == 1.0):
             words.append(coord_text(dataset, name) + (f" (one of {size})" if size > 1 else ""))
     if dataset.sizes.get("storey") == 1 and "storey" not in but:

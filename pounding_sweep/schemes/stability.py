@@ -40,7 +40,7 @@ def largest_step(
     variants = variants_of(row)
     scene, n = variants.scene, len(stiffness)
     # of pairs that differ, the limit of the stiffest and of the most damped one
-    stiffness, restitution = (np.asarray(values, float).reshape(n, -1) for values in (stiffness, restitution))
+    stiffness, restitution = (np.reshape(values, (n, -1 if n else 1)) for values in (stiffness, restitution))
     decides = law.exponent == 1.0 and bool(scene.contacts) and not scheme.flies_exactly
     if not decides and len(variants) == 1:  # one limit for all
         stiffness = stiffness[:1]
