@@ -31,6 +31,7 @@ _RUN = (
     "howto_what_matters.md",
     "howto_tables.md",
     "howto_view.md",
+    "howto_frames.md",
 )
 exclude_patterns = ["_build", *_RUN]
 html_theme = "furo"
