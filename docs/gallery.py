@@ -26,7 +26,15 @@ PICTURES = DOCS / "_static" / "gallery"
 SWEEPS = (
     *(
         DOCS.parent / "sweeps" / f"{name}.toml"
-        for name in ("quickstart", "period_ratio", "what_matters", "yielding", "isolated", "ductility")
+        for name in (
+            "quickstart",
+            "period_ratio",
+            "what_matters",
+            "yielding",
+            "isolated",
+            "ductility",
+            "frames_and_walls",
+        )
     ),
     *sorted((DOCS / "gallery_sweeps").iterdir()),
 )
@@ -58,6 +66,7 @@ class Entry:
 _QUICK = "run quickstart.toml -o quickstart.nc"
 _PERIODS = "run period_ratio.toml -o period_ratio.nc"
 _DESIGN = "run what_matters.toml -o what_matters.nc"
+_FRAMES = "run frames_and_walls.toml -o frames.nc"
 _SUITE = "run suite.toml -o suite.nc"
 _ONE = "simulate quickstart.toml -o one.nc --law hertz_damped --gap 0.006"
 _YIELDING = "simulate yielding.toml -o yielding.nc --law kelvin_voigt --gap 0.01"
@@ -79,6 +88,7 @@ _OTHERS = {
     "fragility": (_SUITE, ""),
     "hysteresis": (_YIELDING, ""),
     "incremental": (_SUITE, ""),
+    "modes": (_FRAMES, ""),
     "map": (_PERIODS, " --value drift_max_ratio"),
     "profiles": (_SUITE, " --at scale=2"),
     **dict.fromkeys(("closing", "force-penetration", "phase"), (_ONE, " --start 2 --end 5")),

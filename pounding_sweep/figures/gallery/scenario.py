@@ -23,6 +23,7 @@ from pounding_sweep.figures.select import drawn_unit, panels, scenario_title, ti
 from pounding_sweep.figures.style import (
     COLOURS,
     DASHED,
+    MARKED,
     finish,
     in_style,
     join_nonempty,
@@ -200,6 +201,30 @@ def hysteresis(one: xr.Dataset) -> Figure:
 _WIDTH, _SWAY = 0.5, 0.14
 #: Largest gap drawn, and the thickness of a wall, in widths of a building.
 _GAP, _WALL = 0.8, 0.2
+#: Modes of a building that are drawn.
+_MODES = 3
+
+
+@figure_of("modes", "cube", "floor_elevation")
+def modes(cube: xr.Dataset) -> Figure:
+    """Draw the first mode shapes of each building over its height, with their periods.
+
+    They are those of the row without factors of axes, on a fixed base, and 1 where they are largest.
+    """
+    scene = stored_scene(cube.assign_attrs(scene=json.dumps(stored_sweep(cube)["scene"])))
+    axes = subplots(1, len(scene.buildings), (1.0, 2.4, 3.6, 0.0), sharex=True, sharey=True)
+    for panel, item in zip(axes[0], scene.buildings, strict=True):
+        fixed = item.on_fixed_base
+        shapes = np.pad(fixed.modes[1][:, :_MODES], ((1, 0), (0, 0)))  # from the ground up
+        largest = np.take_along_axis(shapes, abs(shapes).argmax(axis=0, keepdims=True), axis=0)
+        for number, (shape, style) in enumerate(zip((shapes / largest).T, MARKED, strict=False), 1):
+            panel.plot(shape, np.append(0.0, item.elevations), label=f"mode {number}", **style)
+        panel.axvline(0.0, color="0.6", linewidth=0.8, zorder=0)
+        panel.set_title(f"{item.name}\n{', '.join(f'{period:.3g}' for period in fixed.periods[:_MODES])} s")
+    axes[0, 0].set_ylim(bottom=0)
+    return finish(axes, "mode shape (1)", "height (m)", "Mode shapes and periods")
+
+
 #: Bending of a column between two floors that don't turn, along its height.
 _ALONG = np.linspace(0.0, 1.0, 9)
 _BENT = _ALONG**2 * (3.0 - 2.0 * _ALONG)
