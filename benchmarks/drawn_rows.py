@@ -13,6 +13,7 @@ import numpy as np
 
 from benchmarks.calibrate import OUTPUTS, closing
 from pounding_sweep.model.building import Building, Foundation
+from pounding_sweep.model.frames import cantilever_flexibility
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.scene import Bumper, Link, Scene, Wall
 from pounding_sweep.records import Record, read_record, resolve_record, synthetic_record
@@ -80,6 +81,19 @@ def _founded(building: Building, random: np.random.Generator) -> Building:
     return replace(building, foundation=Foundation(mass, 10.0 * mass, *springs))
 
 
+def _dense(building: Building, random: np.random.Generator) -> Building:
+    """Bend and shear as walls to frames do, of the same first period, under damping of modes or Rayleigh's."""
+    flexible = cantilever_flexibility(building.elevations / building.elevations[-1], _log(random, 0.5, 30.0))
+    modal = None if random.random() < 0.5 else float(random.uniform(0.01, 0.1))
+    return replace(
+        building,
+        stiffnesses=None,
+        stiffness_matrix=np.linalg.inv(flexible),
+        period=float(building.periods[0]),
+        modal_damping=modal,
+    )
+
+
 def _uneven(building: Building, random: np.random.Generator) -> Building:
     return replace(building, storey_heights=random.uniform(2.8, 4.2, building.n_storeys).tolist())
 
@@ -121,6 +135,7 @@ KINDS = {
     "bumpers": Kind(scene=_bumped),
     "p_delta": Kind(_leans),
     "dashpots": Kind(_dashed),
+    "matrices": Kind(_dense),
     "varied": Kind(case=_varied),
 }
 

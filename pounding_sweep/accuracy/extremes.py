@@ -24,6 +24,7 @@ from pounding_sweep.engine.postprocess import displacement_limit, energy_limit
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.building import Building, Foundation
+from pounding_sweep.model.frames import typical_building
 from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.model.meeting import CONTACTS
 from pounding_sweep.model.scene import Scene, Wall
@@ -184,6 +185,9 @@ SCENES: dict[str, Callable[..., Scene]] = {
     "damping": lambda damping: pair(damping=damping),
     "yielding": yielding_pair,
     "smooth": lambda strength, n: yielding_pair(strength, 0.05, hysteresis={"law": "bouc_wen", "n": n}),
+    "matrix": lambda alpha, damping: row(
+        typical_building("left", 4, 0.4, 100.0, kind=alpha, modal_damping=damping), oscillator("right", 0.25, 100.0, 2)
+    ),
     "staggered": staggered,
     "struck column": lambda xi: staggered(3.0 + 3.0 * xi),
     "bases": on_bases,

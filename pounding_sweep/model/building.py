@@ -233,7 +233,7 @@ class Building:
     foundation: Foundation | None = field(default=None, kw_only=True)
     base_elevation: Finite = field(default=0.0, kw_only=True)
     stiffness_matrix: Matrix | None = field(default=None, kw_only=True)
-    modal_damping: OfStoreys | None = field(default=None, kw_only=True)
+    modal_damping: OfStoreysOrZero | None = field(default=None, kw_only=True)
     damping_matrix: Matrix | None = field(default=None, kw_only=True)
     period: Positive | None = field(default=None, kw_only=True)
     FILE_KEYS: ClassVar = ("isolation", "typical")  # a sweep file's reader replaces it
