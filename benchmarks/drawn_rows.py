@@ -84,11 +84,11 @@ def _founded(building: Building, random: np.random.Generator) -> Building:
 def _dense(building: Building, random: np.random.Generator) -> Building:
     """Bend and shear as walls to frames do, of the same first period, under damping of modes or Rayleigh's."""
     flexible = cantilever_flexibility(building.elevations / building.elevations[-1], _log(random, 0.5, 30.0))
-    modal = None if random.random() < 0.5 else float(random.uniform(0.01, 0.1))
+    modal = None if random.random() < 0.5 else random.uniform(0.01, 0.1, building.n_storeys).tolist()
     return replace(
         building,
         stiffnesses=None,
-        stiffness_matrix=np.linalg.inv(flexible),
+        stiffness_matrix=np.linalg.inv(flexible).tolist(),
         period=float(building.periods[0]),
         modal_damping=modal,
     )
