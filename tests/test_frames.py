@@ -43,6 +43,14 @@ def test_modes_give_the_matrix_back(digits, within):
     assert building.damping_ratio == 0.02
 
 
+def test_shapes_that_are_nearly_orthogonal_are_made_so_with_a_word():
+    periods, shapes = modes_of(MASSES, flexible())
+    tilted = shapes + 0.003 * np.abs(shapes).max() * np.eye(4)[:, ::-1]
+    with pytest.warns(UserWarning, match="are made orthogonal, slowest first: 0.00"):
+        building = ps.building_from_modes("a", MASSES, periods, tilted)
+    assert building.periods == pytest.approx(periods, rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -6,6 +6,7 @@ Each becomes a lateral stiffness matrix of the floors, which holds all that a li
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Annotated, Any
@@ -27,6 +28,8 @@ CODE_PERIODS = {
 _alpha = number_check("number alpha, shear against bending", gt=0.0, le=500.0)
 #: Largest product of two shapes, by the masses, that counts as rounding of what a program prints.
 ORTHOGONAL = 0.01
+#: The same, from which on it is said that they are made so.
+NOTED = 1e-3
 #: Largest share of a model's mass that may lie outside its floors.
 OUTSIDE = 0.01
 
@@ -90,6 +93,11 @@ def building_from_modes(
             f"lengths is left, at most {ORTHOGONAL:g} may be; check that masses and shapes are of the same floors, "
             "bottom first"
         )
+    if products[worst] > NOTED:
+        text = (
+            f"shapes of {name!r} are made orthogonal, slowest first: {products[worst]:.2g} of a product of two was left"
+        )
+        warnings.warn(text, stacklevel=2)
     q, r = np.linalg.qr(unit)
     heavy = np.sqrt(mass)[:, None] * q * np.sign(np.diagonal(r))  # M Phi
     stiffness = (heavy * (2.0 * math.pi / period[order]) ** 2) @ heavy.T

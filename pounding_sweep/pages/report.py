@@ -170,10 +170,10 @@ def _row(cube: xr.Dataset, content: dict[str, Any]) -> Section:
     section.draw(draw_at_rest(cube))
     section.add_table("Buildings and pairs", "|what", [[*item.values()] for item in content["row"]])
     for item in scene_of(stored_sweep(cube)["scene"]).buildings:
-        columns: list[Any] = [item.elevations, item.masses, item.stiffnesses]
-        columns.append(item.yield_strengths or [""] * item.n_storeys)
+        strengths = item.yield_strengths or (math.nan,) * item.n_storeys
+        columns = item.elevations, item.masses, item.storey_stiffnesses, strengths
         for number, storey in enumerate(zip(*columns, strict=True), 1):
-            rows.append([item.name, str(number), *(f"{value:.6g}" if value != "" else "" for value in storey)])
+            rows.append([item.name, str(number), *("" if math.isnan(value) else f"{value:.6g}" for value in storey)])
     section.add_table("Storeys", "building|storey|elevation (m)|mass (t)|stiffness (kN/m)|yield strength (kN)", rows)
     return section
 
