@@ -62,7 +62,7 @@ LEANING = ps.Scene(
         ps.Building("b", [80.0, 110.0], [9e3, 8e3], 0.03, [4.0, 3.0], p_delta=True),
     ],
     gaps=[0.02],
-    contact=ps.ContactProperties(linear_stiffness=8e5, restitution=0.6),
+    contact=ps.ContactProperties(linear_stiffness=8e5, hertz_stiffness=8e6, restitution=0.6),
 )
 LEANING_YIELDS = ps.Scene(
     [
