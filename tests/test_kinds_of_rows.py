@@ -239,5 +239,5 @@ def test_what_the_reference_does_not_know_is_refused():
 
     row = [Turning("a", [1.0], [1.0], turns=turns) for turns in (0.0, 2.0)]
     assert buildings_of(ps.Scene(row[:1]))[0].masses == [1.0]
-    with pytest.raises(NotImplementedError, match="knows no turns of buildings"):
+    with pytest.raises(ValueError, match="knows no turns of buildings"):
         buildings_of(ps.Scene(row[1:]))
