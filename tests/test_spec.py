@@ -135,6 +135,8 @@ def test_restitution_defaults_to_the_scene():
 
 def test_outputs():
     assert build(outputs="default").outputs == build(outputs=None).outputs == DEFAULT_OUTPUTS
+    beside = ["default", "drift_max", "error_estimate"]
+    assert set(build(outputs=beside).outputs) == {*DEFAULT_OUTPUTS, "drift_max", "error_estimate"}
     assert build(outputs="all").outputs == tuple(VARIABLES)
     assert build(outputs="impulse").outputs == ("impulse",)
 

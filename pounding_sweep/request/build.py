@@ -611,6 +611,8 @@ class _Reader:
             return DEFAULT_OUTPUTS
         if isinstance(value, str) and value == "all":
             return tuple(VARIABLES)
+        if isinstance(value, list | tuple) and "default" in value:  # and others beside them
+            value = [*DEFAULT_OUTPUTS, *(name for name in value if name not in (*DEFAULT_OUTPUTS, "default"))]
         what = "variables, 'default' or 'all'"
         variables = self._read_all(("outputs",), value, get_variable, what, (str,), key=lambda variable: variable.name)
         return check_outputs(variable.name for variable in variables)
@@ -820,7 +822,7 @@ def build_spec(**arguments: Any) -> SweepSpec:
         grow and no pair can touch (see the theory), 0 not at all. In the first record step of it the ground comes to
         rest.
     outputs : str or several, optional
-        Variables; "default" (as by default), "all", or names.
+        Variables; "default" (as by default), "all", or names, "default" among them or not.
     beta, gamma : float, optional
         Newmark's parameters, in [0, 0.5] and [0.5, 1]; 0.25 and 0.5 by default.
     force_unstable : bool
