@@ -5,9 +5,8 @@ Lanes whose scenario has ended wait with steps of no length.
 
 from __future__ import annotations
 
-from typing import Any
-
 from pounding_sweep.kernel.group import Group, StoreySpring
+from pounding_sweep.kernel.types import Lanes, Truths
 from pounding_sweep.lanes import maximum, size, where
 from pounding_sweep.model.storeys import DriftGauge
 
@@ -19,7 +18,7 @@ RESOLVED = 0.25
 FLAG_COLLAPSED, FLAG_BLURRED = 8, 16
 
 
-def stands(group: Group) -> Any:
+def stands(group: Group) -> Truths:
     """Lanes in which no storey has fallen."""
     return group.state["collapsed"] == 0.0
 
@@ -30,7 +29,7 @@ def gauge(spring: StoreySpring) -> DriftGauge:
     return DriftGauge(spring.group.full(True), -limit, limit, FALLEN, FALLEN, zero, limit, zero, 0.0)
 
 
-def fall(spring: StoreySpring, lanes: Any, h: Any) -> None:
+def fall(spring: StoreySpring, lanes: Truths, h: Lanes) -> None:
     """End the scenarios of some lanes, in which a storey falls in a step of length h."""
     group, s, spec = spring.group, spring.group.state, spring.group.spec
     step = 0.0 if spec.series else group.prop("longest") if spec.staged else h  # series are right at any length

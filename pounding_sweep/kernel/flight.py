@@ -31,6 +31,7 @@ from pounding_sweep.kernel.modal_steps import MOVES
 from pounding_sweep.kernel.peaks import followed, septic_extremes
 from pounding_sweep.kernel.row import kinetic, strain
 from pounding_sweep.kernel.spec import LANES, KernelSpec, property_slots
+from pounding_sweep.kernel.types import ByFloor, Index, Lanes, Note, Truths
 from pounding_sweep.lanes import (
     Cell,
     Lookup,
@@ -115,7 +116,7 @@ def watched(group: Group) -> list[Watched]:
     constants = group.constants if isinstance(group.constants, np.ndarray) else np.ones(property_slots(group.spec).size)
     probe = Group(group.spec, group.scheme, group.reducers, None, n, constants)
 
-    def weights(read: Callable[[Any], Any], moved: str = "u") -> tuple[float, ...]:
+    def weights(read: Callable[[ByFloor], Lanes], moved: str = "u") -> tuple[float, ...]:
         for i in range(n):
             for name in "uv":
                 probe.state[name, i] = (np.arange(n) == i) * float(name == moved)
@@ -286,16 +287,16 @@ class Layout:
         rows |= dict.fromkeys(("point_q", "point_p"), parts * SPAN) | {"free_ground": self.series_rows}
         return rows | dict.fromkeys(("free_x", "free_rate"), n * self.series_rows)
 
-    def size(self, points: Any) -> Any:
+    def size(self, points: Index) -> Index:
         """How many numbers the tables of a row of buildings have over a grid of so many points."""
         per_point, others = self._numbers
         return (points * per_point + (others + self.lanes - 1)) // self.lanes * self.lanes
 
-    def base(self, row: Any, points: Any) -> Any:
+    def base(self, row: Index, points: Index) -> Index:
         """Where the tables of a row of buildings begin."""
         return row * self.size(points) + self.start
 
-    def place(self, name: str, points: Any) -> Any:
+    def place(self, name: str, points: Index) -> Index:
         """Where the numbers of a name begin, from where those of the row of buildings do."""
         per_point, others = self.places[name]
         return points * per_point + others if per_point else others
@@ -308,7 +309,7 @@ class Flight:
     # points: points of the grid
     # memory: where flight's own rows lie
 
-    def __init__(self, group: Group, tables: Any, points: Any, memory: Any = None) -> None:
+    def __init__(self, group: Group, tables: Any, points: Index, memory: Any = None) -> None:
         self.group, self.layout = group, (layout := Layout(group))
         #: Instants of the scenario that flies, side by side.
         self.times = copy(group)
@@ -338,35 +339,35 @@ class Flight:
 
     # tables --------------------------------------------------------------------------------------------------------
 
-    def place_of(self, name: str) -> Any:
+    def place_of(self, name: str) -> Index:
         """Where the numbers of a name begin."""
         place = self.layout.place(name, self.points if self.blocks is None else self.blocks.blocks)
         return place if name in self.layout.shared else self.base.now + place
 
-    def number(self, name: str, i: Any = 0) -> Any:
+    def number(self, name: str, i: Index = 0) -> Lanes:
         """Return number `i` of a name."""
         return self.tables.number(self.place_of(name) + i)
 
-    def vector(self, name: str, i: Any = 0) -> Any:
+    def vector(self, name: str, i: Index = 0) -> Lanes:
         """Return numbers of a name, from number `i` on, as many as there are lanes."""
         return self.tables.vector(self.place_of(name) + i)
 
-    def part(self, name: str, part: Any, t: Any = 0) -> Any:
+    def part(self, name: str, part: Index, t: Index = 0) -> Lanes:
         """Vector number `part` of a name, at point t."""
         width = self.layout.timed.get(name, 0)
         return self.vector(name, t * width + part * self.lanes if width else part * self.lanes)
 
-    def _known(self, t: Any) -> Any:
+    def _known(self, t: Index) -> Index:
         """Point of the tables that stands for t: the last one in the rest after the ground's motion."""
         return lesser(t, self.points - 1)
 
-    def _still(self, name: str, t: Any, part: Any) -> Any:
+    def _still(self, name: str, t: Index, part: Index) -> Lanes:
         """Modes, or their rates, of the motion without pounding at point t, of tables of a unit scale."""
         if self.blocks is None:
             return self.part(name, part, self._known(t))
         return self.rows[f"point_{name}", self._known(t) - self.blocks.start + part * SPAN]
 
-    def _free(self, name: str, m: Any, t: Any) -> Any:
+    def _free(self, name: str, m: Index, t: Index) -> Lanes:
         """Return a mode, its rate times the step, or the ground, without pounding, at successive points from t on."""
         scale, t = self.scale.now, self._known(t)
         if self.blocks is None:
@@ -376,7 +377,7 @@ class Flight:
             free = self.rows.vector(f"free_{name}", at)
         return where(scale == 0.0, 0.0, scale * free)  # beyond the last point there may be any numbers
 
-    def put_decays(self, decays: Table, start: Any) -> None:
+    def put_decays(self, decays: Table, start: Index) -> None:
         """Fill in how modes decay over 0, 1 ... steps and a wide window or a block, from their one step at `start`."""
         many, lanes, at = self.layout.wide_modes, self.lanes, self.place_of("advance")
         h, leap = self.number("step"), rounded(decays.number(HEAD - 1))
@@ -398,13 +399,13 @@ class Flight:
                     place = self.place_of("times") + ((part * lanes + m) * 4 + row) * lanes
                     self.tables.put_vector(place, series * h if row >= 2 else series)
 
-    def indices(self, n: int, times: int = 1) -> Iterator[Any]:
+    def indices(self, n: int, times: int = 1) -> Iterator[Index]:
         """Count to n: in one straight line where that is short."""
         yield from range(n) if n * times <= STRAIGHT else count_to(n)
 
     # from and to lanes ---------------------------------------------------------------------------------------------
 
-    def to_modes(self, lane: Any, t: Any) -> None:
+    def to_modes(self, lane: Index, t: Index) -> None:
         """Take a scenario out of its lane at point t: the decaying modes follow from its motion."""
         if self.blocks is not None:
             self.blocks.know(self.blocks.of(t))
@@ -412,11 +413,11 @@ class Flight:
         if self.yields:
             self._shift(lane)
 
-        def moved(i: Any) -> Any:
+        def moved(i: Index) -> Lanes:
             x = s.lane(s.first["u"] + i, lane)
             return x - s.lane(s.first["set"] + i, lane) if self.yields else x
 
-        def moves(i: Any) -> Any:
+        def moves(i: Index) -> Lanes:
             return s.lane(s.first["v"] + i, lane)
 
         tables = TO_MODES if self.coupled else ("modal", "", "", "modal")
@@ -425,7 +426,7 @@ class Flight:
                 self.rows[name, part] = total - self.scale.now * self._still(name, t, part)
         self._account(lane, t, 1.0)
 
-    def to_floors(self, lane: Any, t: Any) -> None:
+    def to_floors(self, lane: Index, t: Index) -> None:
         """Put a scenario into its lane at point t."""
         if self.blocks is not None:
             self.blocks.know(self.blocks.of(t))
@@ -446,7 +447,7 @@ class Flight:
                 s.put_lane(s.first[motion + "0"] + i, lane, x)
         self._account(lane, t, -1.0)
 
-    def _mix(self, readers: Iterable[tuple[str, Callable[[Any], Any]]]) -> list[Any]:
+    def _mix(self, readers: Iterable[tuple[str, Callable[[Index], Lanes]]]) -> list[Lanes]:
         """Sum up what functions read, weighted by rows of tables ("": of none)."""
         terms = [(self.place_of(name), read) for name, read in readers if name]
         sums = [self.times.cell(0.0) for _ in self.mode_parts]
@@ -460,7 +461,7 @@ class Flight:
 
     # energies ------------------------------------------------------------------------------------------------------
 
-    def _account(self, lane: Any, t: Any, sign: float) -> None:
+    def _account(self, lane: Index, t: Index, sign: float) -> None:
         """Energies of a flight that begins (1) or ends (-1) at point t: input, and what of it is not held any more."""
         group, w, m_wide = self.group, self.rows, self.layout.wide_modes
         if "energy" not in group.requested:
@@ -479,11 +480,11 @@ class Flight:
                     self._add("e_damp", b, lane, gained)
                 self._add("e_damp", b, lane, sign * stored)
 
-    def _add(self, name: str, i: Any, lane: Any, x: Any) -> None:
+    def _add(self, name: str, i: Index, lane: Index, x: Lanes) -> None:
         s = self.group.state
         s.put_lane(s.first[name] + i, lane, s.lane(s.first[name] + i, lane) + x)
 
-    def _damped(self, b: Any, lane: Any) -> Iterator[None]:
+    def _damped(self, b: Index, lane: Index) -> Iterator[None]:
         """Go on where a building has damping: else what is missing of its energy is rounding."""
         group = self.group
         by_matrix = isinstance(b, int) and group.spec.letters(b) not in ("", "k")
@@ -493,7 +494,7 @@ class Flight:
         alpha, beta = (lane_of(group.full(group.prop(x, b)), lane) for x in ("alpha", "beta"))
         yield from once_if(not_((alpha == 0.0) & (beta == 0.0)))
 
-    def _gather(self, lane: Any, t: Any, steps: Any) -> None:
+    def _gather(self, lane: Index, t: Index, steps: Index) -> None:
         """Add the powers over so many steps from point t on, which lie in the lanes."""
         group, w, layout, zero = self.group, self.rows, self.layout, self.times.full(0.0)
         s, spec, count = group.state, group.spec, layout.nodes
@@ -534,7 +535,7 @@ class Flight:
                     cell.now = fma(sign * pull, v, cell.now)
         h, inside = self.number("step"), self._numbers_of(0) < real(steps)
 
-        def total(cell: Cell) -> Any:
+        def total(cell: Cell) -> Lanes:
             return h * fold(where(inside, cell.now, 0.0), add)
 
         for b in range(spec.n_buildings):
@@ -549,7 +550,7 @@ class Flight:
         for j, cell in enumerate(dissipated if "links" in group.requested else ()):
             self._add("link_lost", j, lane, total(cell))
 
-    def _power(self, i: int, modes: tuple[int, int]) -> Any:
+    def _power(self, i: int, modes: tuple[int, int]) -> Lanes:
         """Return the factor of a power at a node."""
         n, (low, many) = self.layout.modes, modes
         at, total = 2 * n * i + low, self.times.cell(0.0)
@@ -574,7 +575,7 @@ class Flight:
                 rest.now = fma(-self.number("sets", i * n + j), drift, rest.now)
             s["set", i] = rest.now
 
-    def _shift(self, lane: Any) -> None:
+    def _shift(self, lane: Index) -> None:
         """Find what the set of a scenario adds to all that is watched; total accelerations do not know it."""
         self._find_sets()
         s, w, wide = self.group.state, self.rows, self.layout.wide_watched
@@ -591,18 +592,18 @@ class Flight:
         for part, cell in enumerate(sums):
             w["shift", part] = where(self.part("shaken", part) > 0.5, 0.0, cell.now)
 
-    def _storey_stiffness(self, i: Any) -> Any:
+    def _storey_stiffness(self, i: Index) -> Lanes:
         """Stiffness of a storey, of the shear that it bears."""
         k = self.group.prop("k", i)
         return k + self.group.prop("geometric", i) if self.group.spec.p_delta else k
 
-    def _peak_drifts(self, i: Any, lane: Any) -> tuple[Any, Any]:
+    def _peak_drifts(self, i: Index, lane: Index) -> tuple[Lanes, Lanes]:
         """Drifts of an elastic storey at which its shear is the largest so far, to either side."""
         s, k = self.group.state, self._storey_stiffness(i)
         middle, reach = -s["ct", i] / k, s["shear", i] / k
         return lane_of(middle - reach, lane), lane_of(middle + reach, lane)
 
-    def _put_elastic_limits(self, lane: Any) -> None:
+    def _put_elastic_limits(self, lane: Index) -> None:
         """Drifts at which the elastic branch of each spring ends, or its storey falls, to either side."""
         group, w = self.group, self.rows
         first = sum(quantity.kind == TOUCH for quantity in self.layout.watched)
@@ -614,7 +615,7 @@ class Flight:
 
     # flight --------------------------------------------------------------------------------------------------------
 
-    def advance_free(self, lane: Any, note: Callable[[Any], None] | None = None) -> None:
+    def advance_free(self, lane: Index, note: Note = None) -> None:
         """Fly from point `at` on to where floors may touch in the step to come (`hits`), or to the last point."""
         # with a `note` of each point's motion, windows are one step long
         self._take_thresholds(lane)
@@ -694,7 +695,7 @@ class Flight:
         ]
         return [Lookup(column) for column in zip(*columns or [(0,) * 5], strict=True)]
 
-    def _runs(self, storeys: bool, kinds: Sequence[int]) -> Iterator[tuple[Any, Watched]]:
+    def _runs(self, storeys: bool, kinds: Sequence[int]) -> Iterator[tuple[Index, Watched]]:
         """Go through the watched quantities of storeys, or all others, of some kinds: number, and one alike."""
 
         def kind_of(q: int) -> tuple[int, bool, bool, bool]:
@@ -707,7 +708,7 @@ class Flight:
                 for q in self.indices(len(numbers), 12 if storeys else 1):
                     yield q + numbers[0], self.layout.watched[numbers[0]]
 
-    def _take_thresholds(self, lane: Any) -> None:
+    def _take_thresholds(self, lane: Index) -> None:
         """Gaps and peaks so far; what is in no lane's way is far."""
         s, w, far = self.group.state, self.rows, self.group.limit.far
         highs, lows = ([x] * self.layout.wide_watched for x in (far, -far))
@@ -725,7 +726,7 @@ class Flight:
             w.put_number("high", q, up)
             w.put_number("low", q, down)
 
-    def _keep_peaks(self, lane: Any) -> None:
+    def _keep_peaks(self, lane: Index) -> None:
         group, s, w, (most, least, storeys, *_) = self.group, self.group.state, self.rows, self._lookups
         for q, _ in self._runs(True, (TURN,)):  # by shears of drifts that went farther
             down, up = self._peak_drifts(storeys[q], lane)
@@ -745,7 +746,7 @@ class Flight:
             w["amplitude", part] = sqrt(fma(q, q, p * p))
         self._weigh(self.layout.bounds, "reach")
 
-    def _free_excursion(self, name: str, part: int) -> Any:
+    def _free_excursion(self, name: str, part: int) -> Lanes:
         """How far what is watched leaves chords (`bulge0`) or hulls (`missed0`) without pounding."""
         return size(self.times.full(self.scale.now)) * self.part(name, part)
 
@@ -786,7 +787,7 @@ class Flight:
         for part, (most, least) in enumerate(self._extremes(self.at.now, "peak", "trough")):
             self._take_peaks(part, most, least)
 
-    def _met(self, extremes: Sequence[tuple[Any, Any]]) -> Any:
+    def _met(self, extremes: Sequence[tuple[Lanes, Lanes]]) -> Truths:
         """Whether floors may touch, or storeys yield, by extremes of the motion without pounding, part by part."""
         met, touches = self.times.full(False), self.layout.touches
         for part, (above, below) in enumerate(extremes[: -(-touches // self.lanes)]):
@@ -796,7 +797,7 @@ class Flight:
             met = met | (reached & (self._numbers_of(part) < float(touches)))
         return any_lane(met)
 
-    def _take_peaks(self, part: int, most: Any, least: Any) -> None:
+    def _take_peaks(self, part: int, most: Lanes, least: Lanes) -> None:
         """Take what is reached at least of a part of what is watched, touches left out."""
         w, sized = self.rows, self.part("sized", part) > 0.5
         moves, largest = ~(self._numbers_of(part) < float(self.layout.touches)), maximum(most, -least)
@@ -804,11 +805,11 @@ class Flight:
         w["high", part] = where(moves, maximum(high, where(sized, largest, most)), high)
         w["low", part] = where(moves, minimum(low, where(sized, -largest, least)), low)
 
-    def _numbers_of(self, part: int) -> Any:
+    def _numbers_of(self, part: int) -> Lanes:
         """Numbers of what is watched in a part, or of the lanes' instants."""
         return side_by_side(self.trace, range(self.lanes)) + float(part * self.lanes)
 
-    def _extremes(self, t: Any, most: str, least: str) -> list[tuple[Any, Any]]:
+    def _extremes(self, t: Index, most: str, least: str) -> list[tuple[Lanes, Lanes]]:
         """Extremes at point t of the motion without pounding, of tables of a unit scale, part by part."""
         scale, extremes, t = self.scale.now, [], self._known(t)
         for part in self.watched_parts:
@@ -817,7 +818,7 @@ class Flight:
             extremes.append((scale * where(up, above, below), scale * where(up, below, above)))
         return extremes
 
-    def _near(self, t: Any, most: str, least: str) -> Any:
+    def _near(self, t: Index, most: str, least: str) -> Truths:
         """Whether a gap or a peak may be reached in a window from point t on ("": ever); which of them, in ``asks``."""
         w, near, zero = self.rows, self.times.cell(False), self.times.full(0.0)
         extremes = self._extremes(t, most, least) if most else [(zero, zero)] * len(self.watched_parts)
@@ -832,7 +833,7 @@ class Flight:
             near.now |= asks
         return any_lane(near.now)
 
-    def _advance(self, steps: Any) -> None:
+    def _advance(self, steps: Index) -> None:
         """Let the modes decay over steps of the grid; as many as there are lanes stand for a wide window or a block."""
         w, m = self.rows, self.layout.wide_modes
         for part in self.mode_parts:
@@ -864,7 +865,7 @@ class Flight:
 
     # looking -------------------------------------------------------------------------------------------------------
 
-    def _scan_window(self, t: Any) -> None:
+    def _scan_window(self, t: Index) -> None:
         """Look at a window of `steps` from point t on, which become those before floors may touch, or storeys yield."""
         w, coupled = self.rows, self.coupled
         for m in self.indices(self.layout.modes, 4):
@@ -883,7 +884,7 @@ class Flight:
                         self.weighed.now = True
                     self._end_before(q, kind == ONSET)
         for _ in once_if(self.steps.now > 0) if kinds - {TOUCH, ONSET} else ():
-            turning: Any = False
+            turning: Truths = False
             for _, asks in (row for kind in (TURN, ACCELERATION) for row in self._reaching_lanes(kind)):
                 turning = turning | any_lane(asks)
             for _ in once_if(turning) if not coupled else ():
@@ -893,20 +894,20 @@ class Flight:
             for q in self._reaching(ACCELERATION):
                 self._turn(q, MOVED if coupled else SHAKEN)
 
-    def moved(self, m: Any, t: Any, row: int) -> Any:
+    def moved(self, m: Index, t: Index, row: int) -> Lanes:
         """Mode m at the lanes' instants (row 0), or its rate times the step (row 2)."""
         at, (q, p) = (m * 4 + row) * self.lanes, (self.rows.number(name, m) for name in "qp")
         free = self._free("rate" if row else "x", m, t)
         return fma(self.vector("times", at), q, fma(self.vector("times", at + self.lanes), p, free))
 
-    def _know_rates(self, t: Any) -> None:
+    def _know_rates(self, t: Index) -> None:
         """Find the rates of all modes, once in a window."""
         for _ in once_if(not_(self.rated.now)):
             for m in self.indices(self.layout.modes, 4):
                 self.rows["rate", m] = self.moved(m, t, 2)
             self.rated.now = True
 
-    def _bend(self, t: Any, shakes: bool) -> None:
+    def _bend(self, t: Index, shakes: bool) -> None:
         """Find second and third rates of all modes, and what accelerations ask for."""
         # Of third rates, the part of the ground's is apart: it jumps at the points of the grid.
         w = self.rows
@@ -931,20 +932,20 @@ class Flight:
                 for name, x in zip(SHAKEN, (total, third, fourth, fifth, lift, lift5), strict=True):
                     w[name, m] = x * per
 
-    def _reaching(self, kind: int) -> Iterator[Any]:
+    def _reaching(self, kind: int) -> Iterator[Index]:
         """Go through the watched quantities of a kind that may reach something."""
         for part, asks in self._reaching_lanes(kind):
             for lane in iter_lanes(asks):
                 yield lane + part * self.lanes
 
-    def _reaching_lanes(self, kind: int) -> Iterator[tuple[int, Any]]:
+    def _reaching_lanes(self, kind: int) -> Iterator[tuple[int, Index]]:
         """Go through the rows of what is watched of a kind: their number, and which may reach something."""
         those = [q for q, quantity in enumerate(self.layout.watched) if quantity.kind == kind]
         for part in range(those[0] // self.lanes, those[-1] // self.lanes + 1) if those else ():
             number = self._numbers_of(part)
             yield part, (self.rows["asks", part] > 0.5) & (number <= float(those[-1])) & (number >= float(those[0]))
 
-    def _sum(self, q: Any, row: str) -> Any:
+    def _sum(self, q: Index, row: str) -> Lanes:
         """Sum up a watched quantity at the lanes' instants, of rows of the modes."""
         *_, lows, counts = self._lookups
         low, many = lows[q], {many for _, many in self.layout.ranges}
@@ -956,12 +957,12 @@ class Flight:
                 total.now = fma(self.tables.number(at + k), self.rows[RATES[row], low + k], total.now)
         return total.now
 
-    def _shapes(self, q: Any) -> list[Any]:
+    def _shapes(self, q: Index) -> list[Index]:
         """Where what modes, and coupled ones by their rates, add to a watched quantity begins."""
         first = q * self.layout.modes + self._lookups[3][q]
         return [self.place_of(name) + first for name in ("shape", "shape_rate")[: 1 + self.coupled]]
 
-    def _crosses(self, q: Any, onset: bool) -> Any:
+    def _crosses(self, q: Index, onset: bool) -> Truths:
         """Whether a watched quantity may reach its limit in the window; how far beyond it is, in ``reached``."""
         w = self.rows
         limit = w.number("high", q)
@@ -973,12 +974,12 @@ class Flight:
         reaches = self._excess(x, q, onset) + w.number("bulge", q) > 0.0
         return any_lane(reaches & (self._numbers_of(0) <= real(self.steps.now)))
 
-    def _excess(self, x: Any, q: Any, onset: bool) -> Any:
+    def _excess(self, x: Lanes, q: Index, onset: bool) -> Lanes:
         """Return how far beyond its limit a watched quantity is; an onset has one on either side."""
         w = self.rows
         return size(x) - 0.5 * (w.number("high", q) - w.number("low", q)) if onset else x
 
-    def _end_before(self, q: Any, onset: bool) -> None:
+    def _end_before(self, q: Index, onset: bool) -> None:
         """End the window before the first step in which a watched quantity may reach its limit."""
         x, s0 = self.rows["reached", q], self._sum(q, "rate") * (1.0 / 3.0)
         x1, s1 = shifted(x), shifted(s0)
@@ -990,7 +991,7 @@ class Flight:
         first = first_true(may & (self._numbers_of(0) < real(self.steps.now)))
         self.steps.now = lesser(first, self.steps.now)
 
-    def _rates(self, q: Any, name: str, rise: str) -> tuple[Any, Any]:
+    def _rates(self, q: Index, name: str, rise: str) -> tuple[Lanes, Lanes]:
         """Return a higher rate at the starts and the ends of steps, `rise` being the ground's part in it."""
         start = self._sum(q, name)
         end = shifted(start)
@@ -999,7 +1000,7 @@ class Flight:
         added = self._sum(q, rise)
         return start + added, end + added
 
-    def _higher_rates(self, q: Any, names: Sequence[str]) -> list[tuple[Any, Any]]:
+    def _higher_rates(self, q: Index, names: Sequence[str]) -> list[tuple[Lanes, Lanes]]:
         """Return the fourth and fifth rates at the starts and the ends of steps, by the equations of the modes."""
         w, (_, _, _, lows, counts), zero = self.rows, self._lookups, self.times.full(0.0)
         free, pushed = ([Cell(zero), Cell(zero)] for _ in "..")
@@ -1016,7 +1017,7 @@ class Flight:
                         cell.now = fma(weight, rate, cell.now)
         return [(x.now + g.now, shifted(x.now) + g.now) for x, g in zip(free, pushed, strict=True)]
 
-    def _turn(self, q: Any, names: Sequence[str]) -> None:
+    def _turn(self, q: Index, names: Sequence[str]) -> None:
         """Take the peaks of a motion in the window, by rows of its rates and what the ground adds to the last two."""
         w, far, number = self.rows, self.group.limit.far, self._numbers_of(0)
         points, steps = number <= real(self.steps.now), number < real(self.steps.now)

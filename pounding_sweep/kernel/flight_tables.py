@@ -15,6 +15,7 @@ from typing import Any
 from pounding_sweep.kernel.flight import ACCELERATION, HEAD, SPAN, STATE, WIDE, Flight
 from pounding_sweep.kernel.modal_steps import MOVES, step
 from pounding_sweep.kernel.peaks import septic_extremes
+from pounding_sweep.kernel.types import Index, Lanes, Truths
 from pounding_sweep.lanes import (
     Cell,
     Count,
@@ -42,7 +43,7 @@ from pounding_sweep.lanes import (
 BUNDLE = 16
 
 
-def _step(c: Mapping[str, Any], q: Any, p: Any, g0: Any, g1: Any) -> list[Any]:
+def _step(c: Mapping[str, Lanes], q: Lanes, p: Lanes, g0: Lanes, g1: Lanes) -> list[Lanes]:
     """Return modes and their rates after a step, by `MOVES` and the ground at its ends."""
     return [fma(c[x + "q"], q, fma(c[x + "p"], p, fma(c[x + "0"], g0, c[x + "1"] * g1))) for x in "qp"]
 
@@ -57,11 +58,11 @@ class _Filler:
         self.modes, self.decays, self.margin = flight.layout.modes, decays, margin
         self.points, self.last = flight.points, flight.points - 1
 
-    def narrow(self, x: Any) -> Any:
+    def narrow(self, x: Lanes) -> Lanes:
         """Return numbers of double precision in the kernel's format."""
         return narrow(self.flight.trace, x)
 
-    def _ground(self, point: Any) -> Any:
+    def _ground(self, point: Index) -> Lanes:
         return self.decays.number(point + HEAD)
 
 
@@ -71,7 +72,7 @@ class Tables(_Filler):
     # decays: the ground's acceleration at all points of the grid, then the rows of `Layout.decays` of each row of
     #     buildings
 
-    def fill(self, rows: Any) -> None:
+    def fill(self, rows: Index) -> None:
         """Fill the tables of so many rows of buildings; of none where they are filled already."""
         flight, layout, lanes = self.flight, self.layout, self.lanes
         for row in count_to(rows):
@@ -93,11 +94,11 @@ class Tables(_Filler):
                     self._follow(part)
                     self._widen(part)
 
-    def _put(self, name: str, t: Any, part: int, x: Any) -> None:
+    def _put(self, name: str, t: Index, part: int, x: Lanes) -> None:
         at = t * self.layout.timed[name] + part * self.lanes
         self.flight.tables.put_vector(self.flight.place_of(name) + at, x)
 
-    def _move(self, c: dict[str, Any], part: int) -> None:
+    def _move(self, c: dict[str, Lanes], part: int) -> None:
         """Motions of the modes of one vector from point to point; what the ground puts in."""
         zero = c["push"] * 0.0
         energies = "input" in self.layout.timed
@@ -122,7 +123,7 @@ class Tables(_Filler):
                 q.now, p.now = q1, p1
         self.flight.rows["amplitude", part] = self.narrow(sqrt(most.now))
 
-    def _give_back(self, c: dict[str, Any], part: int) -> None:
+    def _give_back(self, c: dict[str, Lanes], part: int) -> None:
         """Fill in what a free motion will still take from the ground, backwards from its end."""
         zero = c["push"] * 0.0
         q, p = Cell(zero), Cell(zero)
@@ -159,11 +160,11 @@ class Tables(_Filler):
                     total.now = fma(self._across(table, m, part), a, total.now)
             f.tables.put_vector(f.place_of(name) + part * self.lanes, total.now * (h * h * (1.0 / share)))
 
-    def _across(self, name: str, m: Any, part: int) -> Any:
+    def _across(self, name: str, m: Index, part: int) -> Lanes:
         """Return what mode m adds to what is watched."""
         return self.flight.vector(name, m * self.layout.wide_watched + part * self.lanes)
 
-    def _watched_at(self, t: Any, part: int, first: int = 0, count: int = 4) -> list[Any]:
+    def _watched_at(self, t: Index, part: int, first: int = 0, count: int = 4) -> list[Lanes]:
         """Find what is watched at point t, and its rates times powers of the step, from the `first` on.
 
         What the rise of the ground adds to them is apart.
@@ -176,7 +177,7 @@ class Tables(_Filler):
             q, p = (f.number(name, t * self.layout.wide_modes + m) for name in "qp")
             stiff, damped, push = (f.number(name, m) for name in ("square", "damping", "push"))
             total = -(stiff * q + damped * (h * p))
-            rates: list[Any] = [q, h * p, total - push * ground]
+            rates: list[Lanes] = [q, h * p, total - push * ground]
             while len(rates) < first + count + 2:
                 rates.append(-(stiff * rates[-2] + damped * rates[-1]))
             values = rates[first : first + count]
@@ -191,7 +192,7 @@ class Tables(_Filler):
                 cell.now = fma(self._across("across", m, part), value, cell.now)
         return [cell.now for cell in sums]
 
-    def _pushed(self, part: int) -> list[Any]:
+    def _pushed(self, part: int) -> list[Lanes]:
         """How much of the ground's rise in a step the second to the fifth rate of what is watched take off."""
         f, sums = self.flight, [Cell(self.flight.times.full(0.0)) for _ in range(4)]
         per, shaken, full = f.number("inverse"), f.part("shaken", part) > 0.5, f.times.full
@@ -223,7 +224,7 @@ class Tables(_Filler):
             c, j, *more = (share * rise for share in pushed)
             start, end = (x0, s0, c0 - c, j0 - j), (x1, s1, c1 - c, j1 - j)
 
-            def higher(k: Any = k, more: Sequence[Any] = more) -> list[tuple[Any, Any]]:
+            def higher(k: Index = k, more: Sequence[Lanes] = more) -> list[tuple[Lanes, Lanes]]:
                 early, late = (self._watched_at(t, part, 4, 2) for t in (k, k + 1))
                 return [(x - less, y - less) for x, y, less in zip(early, late, more, strict=True)]
 
@@ -269,7 +270,7 @@ class Blocks(_Filler):
     # rows: rows of buildings
     # cell: makes a variable that is there at the next call of flight, of a first value
 
-    def __init__(self, flight: Flight, decays: Table, margin: float, rows: Any, cell: Callable[[Any], Cell]) -> None:
+    def __init__(self, flight: Flight, decays: Table, margin: float, rows: Index, cell: Callable[[Any], Cell]) -> None:
         super().__init__(flight, decays, margin)
         layout, wide = self.layout, self.layout.wide_modes
         step, per_stride, stride, length = (decays.number(k) for k in range(HEAD))
@@ -292,11 +293,11 @@ class Blocks(_Filler):
         #: The block that lies point by point, and whose: where its tables begin.
         self.filled, self.owner = cell(0), cell(0)
 
-    def _modes_of(self, number: Any) -> Any:
+    def _modes_of(self, number: Index) -> Index:
         """Where the rows of modes of a row of buildings begin."""
         return self.modes_at + number * (len(self.layout.decays) * self.layout.wide_modes)
 
-    def _state(self, group: Any, block: Any, m: Any) -> Any:
+    def _state(self, group: Index, block: Index, m: Index) -> Index:
         """Where the states of a mode at the beginning of a block lie."""
         at = (group * self.blocks + block) * self.modes + m
         return self.states_at + at * (STATE * self.lanes)
@@ -319,7 +320,7 @@ class Blocks(_Filler):
                 for k in count_to(lesser(self.groups - first, BUNDLE)):
                     self._fill_block(first + k, block, lesser(left, self.steps))
 
-    def _fill_block(self, group: Any, block: Any, steps: Any) -> None:
+    def _fill_block(self, group: Index, block: Index, steps: Index) -> None:
         """Fill a block of a group; what moves as in the group before it has been found there."""
         self.flight.base.now = self.layout.base(group * self.lanes, self.blocks)
         for m in count_to(self.modes):
@@ -340,18 +341,18 @@ class Blocks(_Filler):
                     self._watch(number, many, kind == ACCELERATION, steps)
         self._hand_out(block)
 
-    def _row(self, group: Any, name: str, m: Any) -> Any:
+    def _row(self, group: Index, name: str, m: Index) -> Index:
         """Where a row of a mode of a group lies."""
         row = group * len(self.layout.strides) + self.layout.strides.index(name)
         return self.strides_at + (row * self.modes + m) * self.lanes
 
-    def _is_new(self, group: Any, m: Any) -> Any:
+    def _is_new(self, group: Index, m: Index) -> Truths:
         """Whether a mode moves otherwise in a group than in the one before it."""
         return self.decays.number(self._row(group, "new", m)) > 0.5
 
     # how their modes move ----------------------------------------------------------------------------------------
 
-    def _prepare(self, group: Any) -> None:
+    def _prepare(self, group: Index) -> None:
         """Find how the modes of a group move, over one step and a long one, and let them be at rest."""
         decays, wide = self.decays, self.decays.trace
         early = (group - group // BUNDLE * BUNDLE) == 0
@@ -378,7 +379,7 @@ class Blocks(_Filler):
             for k in range(STATE):
                 decays.put_vector(self._state(group, 0, m) + k * self.lanes, w * 0.0)
 
-    def _hand_over(self, group: Any) -> None:
+    def _hand_over(self, group: Index) -> None:
         """Give each row of buildings how its modes move over one step, and how they decay over several."""
         f, n, lanes, wide = self.flight, self.modes, self.lanes, self.layout.wide_modes
         for k in count_to(len(MOVES)):
@@ -394,7 +395,7 @@ class Blocks(_Filler):
 
     # through a block ---------------------------------------------------------------------------------------------
 
-    def _move(self, group: Any, block: Any, m: Any, steps: Any) -> None:
+    def _move(self, group: Index, block: Index, m: Index, steps: Index) -> None:
         """Motions of one mode of all lanes through a block, and the most that it bends and reaches."""
         f, n = self.flight, self.modes
         c = {
@@ -411,7 +412,7 @@ class Blocks(_Filler):
         bends, reach, shook = Cell(zero), Cell(zero), Cell(zero)
         row, start = m * SPAN, block * self.length
 
-        def keep(k: Any) -> tuple[Any, Any, Any]:
+        def keep(k: Index) -> tuple[Lanes, Lanes, Lanes]:
             x, rate = self.narrow(q.now), self.narrow(p.now)
             total = fma(pull, x, damp * rate)
             f.rows["track", row + k] = x
@@ -438,7 +439,7 @@ class Blocks(_Filler):
             f.rows["bends", n + m] = sqrt(bends.now) * self.narrow(c["heft"])
             f.rows["reaches", n + m] = shook.now
 
-    def _watch(self, q: Any, many: int, shaken: bool, steps: Any) -> None:
+    def _watch(self, q: Index, many: int, shaken: bool, steps: Index) -> None:
         """Bounds of what is watched in a block."""
         f, n = self.flight, self.modes
         low = self.lows[q]
@@ -458,7 +459,7 @@ class Blocks(_Filler):
         swell = fma(bends, long * long * (0.125 * (1.0 + 10.0 * self.margin)), reach * (10.0 * self.margin))
         f.rows["above", q], f.rows["below", q], f.rows["swell", q] = above.now + swell, below.now - swell, swell
 
-    def _hand_out(self, block: Any) -> None:
+    def _hand_out(self, block: Index) -> None:
         """Put the bounds of a block into the tables of each lane's row of buildings."""
         f, lanes, stride = self.flight, self.lanes, self.layout.size(self.blocks)
         for part in f.watched_parts:
@@ -484,15 +485,15 @@ class Blocks(_Filler):
     # one of them -----------------------------------------------------------------------------------------------
 
     @property
-    def start(self) -> Any:
+    def start(self) -> Index:
         """First point of the block that is known."""
         return self.filled.now * self.length
 
-    def of(self, t: Any) -> Any:
+    def of(self, t: Index) -> Index:
         """Block in which point t lies; of the last point, the one that ends there."""
         return lesser(t // self.length, self.blocks - 1)
 
-    def know(self, block: Any) -> None:
+    def know(self, block: Index) -> None:
         """Go through a block of the scenario that flies, point by point, where it is not the last one that was."""
         f = self.flight
         same = (self.filled.now == block) & (self.owner.now == f.base.now)
@@ -500,7 +501,7 @@ class Blocks(_Filler):
             self.filled.now, self.owner.now = block, f.base.now
             self._expand(block)
 
-    def _expand(self, block: Any) -> None:
+    def _expand(self, block: Index) -> None:
         f, layout, lanes = self.flight, self.layout, self.lanes
         number = (f.base.now - layout.start) // layout.size(self.blocks)
         group = number // lanes
@@ -539,6 +540,6 @@ class Blocks(_Filler):
         for k in range(SPAN // lanes):
             f.rows["free_ground", k] = self.narrow(self.decays.vector(start + (HEAD + k * lanes)))
 
-    def _keep(self, part: int, k: Any, q: Any, p: Any) -> None:
+    def _keep(self, part: int, k: Index, q: Lanes, p: Lanes) -> None:
         for name, x in (("point_q", q), ("point_p", p)):
             self.flight.rows[name, k + part * SPAN] = self.narrow(x)

@@ -14,10 +14,10 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from functools import reduce
-from typing import Any
 
 from pounding_sweep.kernel.group import Contact, Group, LaneLaw
 from pounding_sweep.kernel.roots import NEVER, Series, course, crossing, cubic_turn, first_crossing, root
+from pounding_sweep.kernel.types import Lanes, Truths
 from pounding_sweep.lanes import Cell, maximum, minimum, power, power_of, roughly_power, size, sqrt, when_any, where
 from pounding_sweep.model.laws import RESTING_SPEED
 from pounding_sweep.model.rebound import YIELD_SHARE
@@ -46,7 +46,7 @@ def is_capped(group: Group) -> bool:
     return not group.spec.implicit and not group.spec.impulsive
 
 
-def longest_substep(group: Group, h: Any) -> Any:
+def longest_substep(group: Group, h: Lanes) -> Lanes:
     """How long the next sub-step may be for the contacts that are closed."""
     s, capped = group.state, is_capped(group)
     if not capped and not any(law.graded for law in group.laws):
@@ -93,14 +93,14 @@ def longest_substep(group: Group, h: Any) -> Any:
     return minimum(longest.now, group.prop("cap") / sqrt(fastest.now)) if capped else longest.now
 
 
-def _power(x: Any, exponent: float) -> Any:
+def _power(x: Lanes, exponent: float) -> Lanes:
     """Power of a number >= 0, by products and roots where they do, else to six figures; of others anything."""
     x, exponent = (x * x, 2.0) if exponent == 4.0 else (x, exponent)
     quick = 4.0 * exponent in (1.0, 2.0, 8.0)
     return power_of(x, exponent) if quick else roughly_power(maximum(x, 0.0), exponent)
 
 
-def update_penetrations(group: Group) -> Any:
+def update_penetrations(group: Group) -> Truths:
     """Keep penetrations and their rates at both ends of the trial; returns the lanes in which something may happen."""
     s = group.state
     h, look = s["h"], group.cell(False)
@@ -137,13 +137,13 @@ def update_penetrations(group: Group) -> Any:
     return look.now
 
 
-def contact_rate(law: LaneLaw, k: Any, c: Any, mass: Any, deepest: Any) -> Any:
+def contact_rate(law: LaneLaw, k: Lanes, c: Lanes, mass: Lanes, deepest: Lanes) -> Lanes:
     """Fastest rate (1/s) of a contact down to a penetration: of its spring or of its damper."""
     spring = sqrt(law.elastic_slope(k, deepest) / mass)
     return maximum(spring, law.damper(c, deepest) / mass) if law.shape.damper else spring
 
 
-def locate_event(group: Group, asks: Any) -> Any:
+def locate_event(group: Group, asks: Truths) -> Lanes:
     """Fraction of the trial at which the first contact changes its mode (1: none), in the lanes that ask."""
     first, cap = group.cell(1.0), group.cell(1.0)
     for contact in group.iter_contacts():
@@ -161,7 +161,7 @@ def course_of(contact: Contact) -> Series:
     return course(contact.group, lambda name: getattr(contact, rows[name]) if name in rows else contact.between(name))
 
 
-def _event(contact: Contact, busy: Any, cap: Cell) -> tuple[Any, Any]:
+def _event(contact: Contact, busy: Truths, cap: Cell) -> tuple[Lanes, Lanes]:
     """Find when a contact changes its mode in the trial, and to which."""
     group, law, depth = contact.group, contact.law, course_of(contact)
     s, h = group.state, group.state["h"]
@@ -201,12 +201,12 @@ def _event(contact: Contact, busy: Any, cap: Cell) -> tuple[Any, Any]:
     return when, target
 
 
-def _slack(contact: Contact, asks: Any, event: tuple[Any, Any], depth: Series) -> tuple[Any, Any]:
+def _slack(contact: Contact, asks: Truths, event: tuple[Lanes, Lanes], depth: Series) -> tuple[Lanes, Lanes]:
     """Look for the instant at which a force that cannot pull ends, or begins again, before any other event."""
     group, law, (when, target) = contact.group, contact.law, event
     mode, k, c = contact.mode, contact.k_law, contact.c_law
 
-    def press(t: Any) -> tuple[Any, Any, Any]:
+    def press(t: Lanes) -> tuple[Lanes, Lanes, Lanes]:
         values = ([of.read(n) for n in range(of.order, -1, -1)] for of in (depth, depth.rate))
         d, slope = (reduce(lambda x, coefficient: coefficient + t * x, powers) for powers in values)
         return law.pressing(k, c, d, slope / group.state["h"]), d, slope
@@ -231,7 +231,7 @@ def _slack(contact: Contact, asks: Any, event: tuple[Any, Any], depth: Series) -
     return where(sooner, t, when), where(sooner, where(ends, SLACK, PRESSING), target)
 
 
-def sample_forces(group: Group, length: Any) -> None:
+def sample_forces(group: Group, length: Lanes) -> None:
     """Take forces and penetrations of the sub-step just taken, at its ends and between them."""
     s, r, h = group.state, group.requested, group.state["h"]
     implicit = group.spec.implicit
@@ -268,14 +268,14 @@ def sample_forces(group: Group, length: Any) -> None:
                 _force_ends(contact, looks, length, depth, follows)
 
 
-def force_at(contact: Contact, t: Any) -> Any:
+def force_at(contact: Contact, t: Lanes) -> Lanes:
     """Force of a contact at a part t of the sub-step just taken."""
     d, slope = course_of(contact).with_slope(t)
     force = contact.law.pressing(contact.k_active, contact.c_active, d, slope / contact.group.state["h"])
     return where(contact.mode > OPEN, force, 0.0)
 
 
-def _force_ends(contact: Contact, looks: Any, length: Any, depth: Series, follows: Any) -> None:
+def _force_ends(contact: Contact, looks: Truths, length: Lanes, depth: Series, follows: Truths) -> None:
     """Take the force of one contact at the ends of a sub-step, its rates there, and its largest value between them."""
     group, law, k, c, mode = contact.group, contact.law, contact.k_active, contact.c_active, contact.mode
     d0, d1, v0, v1 = contact.pen_start, contact.pen_end, contact.rate_start, contact.rate_end
@@ -329,13 +329,13 @@ def _force_ends(contact: Contact, looks: Any, length: Any, depth: Series, follow
             contact.put(accepted, force_rate_end=where(follows, q1, 0.0))
 
 
-def is_due(contact: Contact, lands: Any) -> Any:
+def is_due(contact: Contact, lands: Truths) -> Truths:
     """Lanes in which the event of a contact ends this sub-step."""
     group = contact.group
     return lands & (contact.event < 1.0) & (contact.event <= group.state["fraction"] + group.limit.same_time)
 
 
-def apply_events(group: Group, lands: Any, h: Any) -> Any:
+def apply_events(group: Group, lands: Truths, h: Lanes) -> Truths:
     """Switch the contacts whose event ends this sub-step; returns the lanes in which any did."""
     s = group.state
     switched = group.cell(False)
@@ -373,14 +373,14 @@ def apply_events(group: Group, lands: Any, h: Any) -> Any:
     return switched.now
 
 
-def note_onset(contact: Contact, lanes: Any, fresh: Any, speed: Any, time: Any) -> None:
+def note_onset(contact: Contact, lanes: Truths, fresh: Truths, speed: Lanes, time: Lanes) -> None:
     """Tell reducers of onsets in some lanes, at a rate and a time; in `fresh` lanes they count as ones of their own."""
     for reducer in contact.group.reducers:
         if reducer.touch:
             reducer.touch(contact, lanes, fresh, speed, time)
 
 
-def is_closed(group: Group) -> Any:
+def is_closed(group: Group) -> Truths:
     """Lanes in which any contact is closed."""
     closed = group.cell(False)
     for contact in group.iter_contacts(straight=True):
@@ -397,7 +397,7 @@ def is_closed(group: Group) -> Any:
 # is KE d + CE.
 
 
-def _begin_yielding(contact: Contact, lanes: Any, k: Any, loss: Any, v: Any) -> None:
+def _begin_yielding(contact: Contact, lanes: Truths, k: Lanes, loss: Lanes, v: Lanes) -> None:
     """Properties of a contact that begins at the rate v, meant for the depth of an elastic Hertz contact."""
     speed = maximum(v, RESTING_SPEED)
     deepest = power(1.25 * contact.reduced * speed * speed / k, 0.4)
@@ -413,29 +413,29 @@ def _begin_yielding(contact: Contact, lanes: Any, k: Any, loss: Any, v: Any) -> 
     stick(contact, lanes)
 
 
-def set_plastic(contact: Contact, lanes: Any, d: Any) -> None:
+def set_plastic(contact: Contact, lanes: Truths, d: Lanes) -> None:
     """Plastic part of a contact that has slipped to the penetration d."""
     contact.put(lanes, plastic=where(contact.c_active > 0.0, d - contact.yield_depth, d))
 
 
-def stick(contact: Contact, lanes: Any) -> None:
+def stick(contact: Contact, lanes: Truths) -> None:
     """Let the plastic part stand still from here on."""
     contact.put(lanes, k_active=contact.k_law + contact.c_law, c_active=-contact.c_law * contact.plastic)
 
 
-def slip(contact: Contact, lanes: Any, d: Any) -> None:
+def slip(contact: Contact, lanes: Truths, d: Lanes) -> None:
     """Let the yielding part hold the force that it has reached: all of it or none."""
     deep = d - contact.plastic > 0.5 * contact.yield_depth
     contact.put(lanes, k_active=contact.k_law, c_active=where(deep, contact.c_law * contact.yield_depth, 0.0))
 
 
-def force_at_end(contact: Contact, d: Any) -> Any:
+def force_at_end(contact: Contact, d: Lanes) -> Lanes:
     """Force at penetration d, the plastic part being what it must be there."""
     stretch = minimum(maximum(d - contact.plastic, 0.0), contact.yield_depth)
     return where(d > 0.0, contact.k_law * d + contact.c_law * stretch, 0.0)
 
 
-def settle_yielding(contact: Contact, lanes: Any, d: Any, v: Any) -> Any:
+def settle_yielding(contact: Contact, lanes: Truths, d: Lanes, v: Lanes) -> Lanes:
     """Mode of a contact that went to the penetration d by `force_at_end`."""
     stretch, top = d - contact.plastic, contact.yield_depth
     contact.put(lanes, plastic=where(stretch > top, d - top, where(stretch < 0.0, d, contact.plastic)))
@@ -445,7 +445,7 @@ def settle_yielding(contact: Contact, lanes: Any, d: Any, v: Any) -> Any:
     return where(slips, 2.0, 1.0)
 
 
-def _slips(contact: Contact, asks: Any, ends: tuple[Any, Any, Any, Any], depth: Series) -> Any:
+def _slips(contact: Contact, asks: Truths, ends: tuple[Lanes, Lanes, Lanes, Lanes], depth: Series) -> Lanes:
     """Fraction of the sub-step at which a closed contact begins to slip, or sticks again (2: not in it)."""
     group, (d0, d1, v0, v1) = contact.group, ends
     slipping, slips = contact.mode == 2.0, contact.c_active > 0.0

@@ -23,6 +23,7 @@ from pounding_sweep.kernel.spec import (
     property_slots,
     result_slots,
 )
+from pounding_sweep.kernel.types import ByFloor, End, Index, Instant, Lanes, Truths
 from pounding_sweep.lanes import (
     Cell,
     Count,
@@ -47,11 +48,6 @@ from pounding_sweep.model.formula import read, value
 from pounding_sweep.model.laws import RESTING_SPEED
 from pounding_sweep.model.storeys import STOREY_LAWS, Elastic
 
-#: An end of an element: a degree of freedom, or its place among some, whether the stretch grows (1) or falls (-1) with
-#: it, and its share (None: all).
-End = tuple[Any, int, Any]
-#: Acceleration of the ground (m/s2) at an instant, by the number of the building that stands on it.
-Instant = Callable[[Any], Any]
 #: Rows of the ground's acceleration at both ends of a sub-step, and of the step that events cut into these.
 ENDS, ENDS_OF_STEP = ("ground0", "ground"), ("step_ground0", "step_ground")
 #: Constants that all lanes share even where buildings vary.
@@ -94,37 +90,37 @@ class LaneLaw:
         factor = 2.0 * math.sqrt(math.pi) * math.gamma(1.0 + degree) / math.gamma(0.5 + degree)
         self._duration = factor * (0.5 * (shape.exponent + 1.0)) ** degree, degree
 
-    def _evaluate(self, text: str, d: Any, **variables: Any) -> Any:
+    def _evaluate(self, text: str, d: Lanes, **variables: Lanes) -> Lanes:
         formula = read(text)
         if any(isinstance(part, ast.Name) and part.id == "r" for part in ast.walk(formula)):
             variables["r"] = sqrt(maximum(d, 0.0))
         return value(formula, {"d": d, **variables}, _FUNCTIONS)
 
-    def elastic(self, k: Any, c: Any, d: Any) -> Any:
+    def elastic(self, k: Lanes, c: Lanes, d: Lanes) -> Lanes:
         """Elastic force."""
         return self._evaluate(self.shape.elastic, d, k=k, c=c)
 
-    def elastic_slope(self, k: Any, d: Any) -> Any:
+    def elastic_slope(self, k: Lanes, d: Lanes) -> Lanes:
         """Its derivative by d."""
         return self._evaluate(self.shape.elastic_slope, d, k=k)
 
-    def damper(self, c: Any, d: Any) -> Any:
+    def damper(self, c: Lanes, d: Lanes) -> Lanes:
         """Force by rate; 0.0 where the law has none."""
         return self._evaluate(self.shape.damper, d, c=c) if self.shape.damper else 0.0
 
-    def pressing(self, k: Any, c: Any, d: Any, v: Any) -> Any:
+    def pressing(self, k: Lanes, c: Lanes, d: Lanes, v: Lanes) -> Lanes:
         """Force before any cut."""
         force = self.elastic(k, c, d)
         return force + self.damper(c, d) * v if self.shape.damper else force
 
-    def pressing_rate(self, k: Any, c: Any, d: Any, v: Any, a: Any) -> Any:
+    def pressing_rate(self, k: Lanes, c: Lanes, d: Lanes, v: Lanes, a: Lanes) -> Lanes:
         """Its derivative by time."""
         slope = self.elastic_slope(k, d)
         if not self.shape.damper:
             return slope * v
         return (slope + self._evaluate(self.shape.damper_slope or "0.0", d, c=c) * v) * v + self.damper(c, d) * a
 
-    def closed_force(self, k: Any, c: Any, d: Any, v: Any) -> Any:
+    def closed_force(self, k: Lanes, c: Lanes, d: Lanes, v: Lanes) -> Lanes:
         """Force of a closed contact, cut at zero where the law cannot pull."""
         force = self.elastic(k, c, d)
         if self.shape.damper:
@@ -132,13 +128,13 @@ class LaneLaw:
             force = force + self.damper(c, d) * (minimum(v, 0.0) if self.shape.rebound_only else felt)
         return force if self.shape.tension else where(d > 0.0, maximum(force, 0.0), 0.0)
 
-    def memoryless(self, k: Any, c: Any, fastest: Any, d: Any, v: Any) -> Any:
+    def memoryless(self, k: Lanes, c: Lanes, fastest: Lanes, d: Lanes, v: Lanes) -> Lanes:
         """Force where nothing but the present state decides it; `fastest` is the rate of approach so far."""
         if self.shape.per_speed:
             c = c / maximum(maximum(fastest, v), RESTING_SPEED)
         return where(d > 0.0, self.closed_force(k, c, d, v), 0.0)
 
-    def duration(self, k: Any, v: Any, mass: Any) -> Any:
+    def duration(self, k: Lanes, v: Lanes, mass: Lanes) -> Lanes:
         """How long an elastic contact of this stiffness lasts (s), to six figures."""
         factor, share = self._duration
         n, v = self.shape.exponent, maximum(v, RESTING_SPEED)
@@ -182,7 +178,7 @@ class Group:
         shares = [STEEP_SHARE if is_steep else GRADED_SHARE for is_steep in steep]
         self.laws = [LaneLaw(law, spec.order, self.limit.exact, x) for law, x in zip(spec.laws, shares, strict=True)]
         #: Number of the step that lanes are within: one for all, or one each.
-        self.number: Callable[[], Any] = lambda: 0
+        self.number: Callable[[], Index] = lambda: 0
         self._places, self._inputs = property_slots(spec), input_slots(spec)
         self.state = Rows(trace, self._rows(), lanes, memory)
         self._scene, self.ground = Table(trace, constants, lanes), GroundMotion(self.state)
@@ -265,28 +261,28 @@ class Group:
         """Whether a reducer asks `what` (out of `LOOKS`) of each sub-step of a closed contact."""
         return any(LOOKS.index(reducer.looks) >= LOOKS.index(what) for reducer in self.reducers)
 
-    def change(self, i: Any, kind: int) -> Any:
+    def change(self, i: Index, kind: int) -> Index:
         """Return the number of a kind of change, of a contact or of a storey, these counted after contacts."""
         return i + kind * (len(self.contacts) + len(self.spec.hysteretic))
 
     # what the scene gives ------------------------------------------------------------------------------------------
 
-    def yields(self, i: Any) -> bool:
+    def yields(self, i: Index) -> bool:
         """Whether the storey below floor i may yield; floors known at run time only have rows as those that may."""
         return bool(self.spec.yielding) and (not isinstance(i, int) or i in self.spec.yielding)
 
-    def dashed(self, i: Any) -> bool:
+    def dashed(self, i: Index) -> bool:
         """Whether the storey below floor i has a dashpot; of floors known at run time, whether any has."""
         return bool(self.spec.dashpots) and (not isinstance(i, int) or i in self.spec.dashpots)
 
-    def prop(self, name: str, i: int = 0) -> Any:
+    def prop(self, name: str, i: int = 0) -> Lanes:
         """Return a constant of the scene: of a floor, building or contact; per lane where buildings vary."""
         if self.spec.varied and name not in SHARED and f"p_{name}" in self._inputs.count:
             return self.state[f"p_{name}", i]
         at = self._places.first[name] + i
         return self._scene.number(at, fixed=True)
 
-    def clock(self, h: Any) -> Any:
+    def clock(self, h: Lanes) -> Lanes:
         """Time (s) since the start of the motion, of lanes that are within a step of length h."""
         rest = self.state["time_left"]
         number = self.number()
@@ -302,21 +298,21 @@ class Group:
         time = b.fadd(b.fmul(steps, wide(self.full(h).value)), wide((h - rest).value))
         return Vector(t, time if t.size == 8 else b.fptrunc(time, t.vector))
 
-    def full(self, x: Any) -> Any:
+    def full(self, x: Lanes) -> Lanes:
         """Return a number or a truth in all lanes."""
         return everywhere(self.trace, x, self.lanes)
 
-    def cell(self, x: Any) -> Cell:
+    def cell(self, x: Lanes) -> Cell:
         """Return a variable with a number or a truth in all lanes."""
         return Cell(self.full(x))
 
-    def floor(self, x: Any, i: Any) -> Any:
+    def floor(self, x: ByFloor, i: Index) -> Lanes:
         """Return floor i's of all floors' values, of the rows of a name, or of a function."""
         if isinstance(x, str):
             return self.state[x, i]
         return x(i) if callable(x) else x[i]
 
-    def floors(self, name: str) -> list[Any]:
+    def floors(self, name: str) -> list[Lanes]:
         """Return a row of each floor, and of foundations."""
         return [self.state[name, i] for i in range(self.spec.n_moving)]
 
@@ -325,7 +321,7 @@ class Group:
         """Whether the row has too many floors for one straight line of code: it goes through them at run time."""
         return self.trace is not None and not self.spec.fused
 
-    def _in_runs(self, items: Sequence[tuple[int, ...]], key: Callable[[int], Any]) -> Iterator[tuple[Any, Any, Any]]:
+    def _in_runs(self, items: Sequence[tuple[int, ...]], key: Callable[[int], Any]) -> Iterator[tuple[Any, Index, Any]]:
         """Go through rows of whole numbers: what those in a run have in common, number, row; of several at run time."""
         for kind, run in groupby(range(len(items)), key):
             first, *others = run
@@ -336,7 +332,7 @@ class Group:
             for q in count_to(1 + len(others)):
                 yield kind, q + first, [table[width * q + k] for k in range(width)]
 
-    def _ends(self, dofs: Iterable[Any], kinds: Sequence[tuple[int, str]], number: Any) -> list[End]:
+    def _ends(self, dofs: Iterable[Index], kinds: Sequence[tuple[int, str]], number: Index) -> list[End]:
         """Return the ends of element `number`: degrees of freedom, or their places, by signs and names of shares."""
         return [
             (i, sign, self.prop(share, number) if share else None) for i, (sign, share) in zip(dofs, kinds, strict=True)
@@ -360,7 +356,7 @@ class Group:
             k, c = self.prop("link_k", j), self.prop("link_c", j)
             yield Spring(self, j, self._ends(dofs, ((1, ""), (-1, "")), j), stiffness=k, damping=c)
 
-    def iter_buildings(self) -> Iterator[tuple[Any, list[Any]]]:
+    def iter_buildings(self) -> Iterator[tuple[Index, list[Index]]]:
         """Go through the buildings and their floors; those of a long row that are equally high at run time."""
         if not self.looped:
             yield from enumerate(self.spec.floors)
@@ -392,9 +388,9 @@ class Group:
         """Return a storey whose number is known."""
         return Storey(self, i, self._ends(*self.spec.storey_ends(i), i))
 
-    def part(self, *buildings: tuple[Any, list[Any]]) -> Part:
+    def part(self, *buildings: tuple[Index, list[Index]]) -> Part:
         """Return what is worked out at once: some buildings, each with its floors."""
-        spec, dofs, places = self.spec, list[Any](), dict[int, int]()
+        spec, dofs, places = self.spec, list[Index](), dict[int, int]()
         known = [b if isinstance(b, int) else spec.storeys.index(len(floors)) for b, floors in buildings]
         for like, (_, floors) in zip(known, buildings, strict=True):
             places |= {i: len(dofs) + s for s, i in enumerate(spec.floors[like])}
@@ -416,7 +412,7 @@ class Group:
         for building in self.iter_buildings():
             yield self.part(building)
 
-    def _elements(self, like: int, b: Any, floors: Sequence[Any], places: Mapping[int, int]) -> list[Spring | Matrices]:
+    def _elements(self, like: int, b: Index, floors: list[Index], places: Mapping[int, int]) -> list[Spring | Matrices]:
         """Elements of a building, which is like one that is known, their ends by the places of that one's."""
         spec, base = self.spec, self.spec.base(like) or ()
 
@@ -440,18 +436,18 @@ class Group:
             elements.append(Spring(self, i, [(places[i], 1, None)], stiffness=k, damping=c))
         return elements
 
-    def rocks(self, i: Any) -> bool:
+    def rocks(self, i: Index) -> bool:
         """Whether a degree of freedom is a rotation, which the ground does not accelerate."""
         return bool(self.spec.foundations) and i >= self.spec.n_dof and (i - self.spec.n_dof) % 2 == 1
 
-    def indices(self, n: Any, straight: bool = True) -> Iterator[Any]:
+    def indices(self, n: Index, straight: bool = True) -> Iterator[Index]:
         """Count to n, at run time in a long row."""
         if self.looped or not straight or isinstance(n, Count):
             yield from count_to(n)
         else:
             yield from range(n)
 
-    def home_of(self, floor: Any) -> tuple[Any, Any, Any]:
+    def home_of(self, floor: Index) -> tuple[Index, Index, Index]:
         """Lowest floor, number of storeys, and number of the building of a floor."""
         spec, at = self.spec, 3 * floor
         table = Lookup([x for b in spec.building_of for x in (spec.floors[b][0], spec.storeys[b], b)])
@@ -464,22 +460,22 @@ class GroundMotion:
 
     state: Rows
 
-    def go(self, start: Any, end: Any, lanes: Any = None, rows: tuple[str, str] = ENDS) -> None:
+    def go(self, start: Lanes, end: Lanes, lanes: Truths = None, rows: tuple[str, str] = ENDS) -> None:
         """Go through a sub-step, or through that of other `rows`, between two accelerations, in some lanes."""
         for name, x in zip(rows, (start, end), strict=True):
             self.state.put(lanes, x, name)
 
-    def go_part(self, done: Any, length: Any, rest: Any, h: Any) -> None:
+    def go_part(self, done: Lanes, length: Lanes, rest: Lanes, h: Lanes) -> None:
         """Go through a part of a step of h: what is done of it, the part's length, and what was left."""
         start, end = (self.state[name] for name in ENDS_OF_STEP)
         early, late = (start + (end - start) * (x / h) for x in (done, done + length))
         self.go(where(done <= 0.0, start, early), where(length >= rest, end, late))
 
-    def rise(self, b: Any) -> Any:
+    def rise(self, b: Index) -> Lanes:
         """Acceleration below building b at the end of the sub-step, less that at its start."""
         return self.at(1.0)(b) - self.at(0.0)(b)
 
-    def at(self, t: Any) -> Instant:
+    def at(self, t: Lanes) -> Instant:
         """Return the accelerations at a part t of the sub-step: a number, or one in each lane."""
         start, end = (self.state[name] for name in ENDS)
         ends = {0.0: start, 0.5: 0.5 * (start + end), 1.0: end}
@@ -490,7 +486,7 @@ class GroundMotion:
 class Block(NamedTuple):
     """A building of what is worked out at once."""
 
-    b: Any  # its number
+    b: Index  # its number
     places: list[int]  # of its floors, then of its foundation's sway and rocking
     on_ground: bool  # it has no foundation: a m of Rayleigh's resists the motion relative to the ground
     elements: list[Spring | Matrices]  # whose ends are places
@@ -499,11 +495,11 @@ class Block(NamedTuple):
 class Part(NamedTuple):
     """What is worked out at once."""
 
-    dofs: list[Any]  # degree of freedom at each place
+    dofs: list[Index]  # degree of freedom at each place
     blocks: list[Block]
 
 
-def signed_sum(terms: Sequence[tuple[int, Any]]) -> Any:
+def signed_sum(terms: Sequence[tuple[int, Lanes]]) -> Lanes:
     """Sum of some terms, each after its sign (1 or -1)."""
     (sign, total), *rest = sorted(terms[:2], key=lambda term: -term[0]) + list(terms[2:])
     total = total if sign > 0 else -total
@@ -520,27 +516,27 @@ class Element:
 
     # numbers: what else is known of it
 
-    def __init__(self, group: Group, index: Any, ends: Sequence[End], **numbers: Any) -> None:
+    def __init__(self, group: Group, index: Index, ends: Sequence[End], **numbers: Any) -> None:
         self.__dict__.update(group=group, index=index, ends=ends, **numbers)
 
     def __getattr__(self, name: str) -> Any:
         state = self.group.state
         return state[name, self.index] if name in state.first else self.group.prop(name, self.index)
 
-    def __setattr__(self, name: str, x: Any) -> None:
+    def __setattr__(self, name: str, x: Lanes) -> None:
         self.group.state[name, self.index] = x
 
-    def put(self, lanes: Any, **rows: Any) -> None:
+    def put(self, lanes: Truths, **rows: Lanes) -> None:
         """Write rows in some lanes (None: all)."""
         for name, x in rows.items():
             self.group.state.put(lanes, x, name, self.index)
 
-    def between(self, x: Any = "u", rounding: bool = False) -> Any:
+    def between(self, x: ByFloor = "u", rounding: bool = False) -> Lanes:
         """Stretch of a row's name, or of values of its ends; or the sum of sizes by which it is rounded."""
         parts = [(sign, part_of(self.group.floor(x, i), share)) for i, sign, share in self.ends]
         return reduce(add, [size(part) for _, part in parts]) if rounding else signed_sum(parts)
 
-    def on_ends(self, force: Any) -> list[tuple[Any, int, Any]]:
+    def on_ends(self, force: Lanes) -> list[tuple[Index, int, Lanes]]:
         """Return what a force that resists the stretch does at each end: the sign, to the right, and how much of it."""
         return [(i, -sign, part_of(force, share)) for i, sign, share in self.ends]
 
@@ -553,33 +549,33 @@ class Spring(Element):
         """Whether its force is a share of the stretch of x + beta y."""
         return False
 
-    def pushes(self, x: Any, y: Any, w: Any, constant: bool) -> Iterator[tuple[Any, int, Any]]:
+    def pushes(self, x: ByFloor, y: ByFloor, w: ByFloor, constant: bool) -> Iterator[tuple[Index, int, Lanes]]:
         """Go through what it does to each end, by displacements x, velocities y, and w = x + beta y."""
         yield from self.on_ends(self.force(x, y, w, constant))
 
-    def entries(self, be: Any, ga: Any) -> Iterator[tuple[Any, Any, int, Any]]:
+    def entries(self, be: Lanes, ga: Lanes) -> Iterator[tuple[Index, Index, int, Lanes]]:
         """Go through what it adds to M + ga C + be K: both ends, the sign and the entry."""
         resistance = self.resistance(be, ga)
         for n, (p, sign, share) in enumerate(self.ends):
             for q, other, part_of_it in self.ends[n:]:
                 yield p, q, sign * other, part_of(part_of(resistance, share), part_of_it)
 
-    def force(self, x: Any, y: Any, *_: Any) -> Any:
+    def force(self, x: ByFloor, y: ByFloor, *_: Any) -> Lanes:
         """Force at displacements x and velocities y."""
         if self.stiffness is None:
             return self.damping * self.between(y)
         return fma(self.damping, self.between(y), self.stiffness * self.between(x))
 
-    def resistance(self, be: Any, ga: Any) -> Any:
+    def resistance(self, be: Lanes, ga: Lanes) -> Lanes:
         """Stiffness against an acceleration at the end of a Newmark step: stiffness by `be`, damping by `ga`."""
         return ga * self.damping if self.stiffness is None else fma(ga, self.damping, be * self.stiffness)
 
-    def lost(self, y: Any) -> Any:
+    def lost(self, y: ByFloor) -> Lanes:
         """Power (kW) that its damping takes."""
         rate = self.between(y)
         return self.damping * (rate * rate)
 
-    def stored(self, x: Any, about_rest: bool = False) -> Any:
+    def stored(self, x: ByFloor, about_rest: bool = False) -> Lanes:
         """Energy (kJ) that its spring holds."""
         stretch = self.between(x)
         return 0.0 if self.stiffness is None else 0.5 * self.stiffness * stretch * stretch
@@ -590,34 +586,34 @@ class Matrices:
 
     # places: of these; storeys: whether K is that of storeys, so that only C is dense
 
-    def __init__(self, group: Group, b: int, places: Sequence[Any]) -> None:
+    def __init__(self, group: Group, b: int, places: Sequence[Index]) -> None:
         spec = group.spec
         self._group, self._b, self._places, letters = group, b, places, spec.letters(b)
         self.is_plain, self._has_damping = "k" in letters, letters not in ("", "k")
         self._first = {"dense_k": sum(spec.dense_sizes("k")[:b]), "dense_c": sum(spec.dense_sizes("mc")[:b])}
 
-    def _entry(self, name: str, i: int, j: int) -> Any:
+    def _entry(self, name: str, i: int, j: int) -> Lanes:
         low, high = sorted((i, j))
         return self._group.prop(name, self._first[name] + high * (high + 1) // 2 + low)
 
-    def against(self, i: int) -> Any:
+    def against(self, i: int) -> Lanes:
         """Stiffness against the displacement of the building's degree of freedom number i alone."""
         return self._entry("dense_k", i, i)
 
-    def _times(self, name: str, x: Any) -> list[Any]:
+    def _times(self, name: str, x: ByFloor) -> list[Lanes]:
         """Product of a matrix and values by place."""
         values = [x[p] for p in self._places]
         rows = [[(self._entry(name, i, j), v) for j, v in enumerate(values)] for i in range(len(values))]
         return [reduce(lambda total, term: fma(*term, total), rest, first[0] * first[1]) for first, *rest in rows]
 
-    def pushes(self, x: Any, y: Any, w: Any, constant: bool) -> Iterator[tuple[Any, int, Any]]:
+    def pushes(self, x: ByFloor, y: ByFloor, w: ByFloor, constant: bool) -> Iterator[tuple[Index, int, Lanes]]:
         """Go through what it does at each place, as that of a `Spring`."""
         del constant
         for name, values, exists in (("dense_k", w, self.is_plain), ("dense_c", y, self._has_damping)):
             for p, force in zip(self._places, self._times(name, values) if exists else (), strict=False):
                 yield p, -1, force
 
-    def entries(self, be: Any, ga: Any) -> Iterator[tuple[Any, Any, int, Any]]:
+    def entries(self, be: Lanes, ga: Lanes) -> Iterator[tuple[Index, Index, int, Lanes]]:
         """Go through what it adds to M + ga C + be K, as that of a `Spring`."""
         beta = self._group.prop("beta", self._b)
         for name, factor, exists in (
@@ -628,19 +624,19 @@ class Matrices:
                 for k, q in enumerate(self._places[n:], n):
                     yield p, q, 1, factor * self._entry(name, n, k)
 
-    def lost(self, y: Any) -> Any:
+    def lost(self, y: ByFloor) -> Lanes:
         """Power (kW) that its damping takes."""
         terms = [self._quadratic("dense_c", y)] if self._has_damping else []
         if self.is_plain:
             terms.append(self._group.prop("beta", self._b) * self._quadratic("dense_k", y))
         return reduce(add, terms)
 
-    def stored(self, x: Any, about_rest: bool = False) -> Any:
+    def stored(self, x: ByFloor, about_rest: bool = False) -> Lanes:
         """Energy (kJ) that it holds."""
         del about_rest
         return 0.5 * self._quadratic("dense_k", x) if self.is_plain else 0.0
 
-    def _quadratic(self, name: str, x: Any) -> Any:
+    def _quadratic(self, name: str, x: ByFloor) -> Lanes:
         pairs = zip(self._places, self._times(name, x), strict=True)
         return reduce(add, [x[p] * force for p, force in pairs])
 
@@ -656,22 +652,22 @@ class Contact(Element):
         return self.group.laws[self.law_index]
 
     @property
-    def stiffness(self) -> Any:
+    def stiffness(self) -> Lanes:
         """Stiffness (kN/m**exponent)."""
         return self.group.state["k", self.index] if self.group.spec.stiffness_per_contact else self.group.state["k"]
 
     @property
-    def gap(self) -> Any:
+    def gap(self) -> Lanes:
         """Gap (m)."""
         return self.group.state["gap", self.gap_index]
 
     @property
-    def sides(self) -> list[Any]:
+    def sides(self) -> list[Index]:
         """Floors that meet, the left one first, of struck columns the floor above; of a wall None."""
         floors = {sign: i for i, sign, _ in self.ends}
         return [floors.get(1), floors.get(-1)]
 
-    def penetration(self, name: str = "u") -> Any:
+    def penetration(self, name: str = "u") -> Lanes:
         """Penetration (m)."""
         return self.between(name) - self.gap
 
@@ -683,12 +679,12 @@ class Storey(Spring):
     drift = Element.between
 
     @property
-    def stiffness(self) -> Any:
+    def stiffness(self) -> Lanes:
         """Elastic stiffness (kN/m)."""
         return self.group.prop("k", self.index)
 
     @property
-    def damping(self) -> Any:
+    def damping(self) -> Lanes:
         """Its damper: beta k of Rayleigh's, of the stiffness that this follows, and a dashpot (kN s/m)."""
         group, i = self.group, self.index
         k = group.state["kd", i] if group.spec.tangent and group.yields(i) else self.stiffness
@@ -696,7 +692,7 @@ class Storey(Spring):
         return damping + group.prop("dashpot", i) if group.dashed(i) else damping
 
     @property
-    def rest_drift(self) -> Any:
+    def rest_drift(self) -> Lanes:
         """Its drift without shear, while it is elastic."""
         return -self.ct / self.stiffness
 
@@ -705,7 +701,7 @@ class Storey(Spring):
         """Whether it is elastic, and its damper a share of its stiffness: its force is k (x + beta y)."""
         return not (self.group.yields(self.index) or self.group.dashed(self.index))
 
-    def force(self, x: Any, y: Any, w: Any, constant: bool) -> Any:
+    def force(self, x: ByFloor, y: ByFloor, w: ByFloor, constant: bool) -> Lanes:
         """Force at displacements x, velocities y, and w = x + beta y; of rates without its `constant`."""
         group, i = self.group, self.index
         if self.is_plain:
@@ -719,14 +715,14 @@ class Storey(Spring):
             elastic = self.kt * drift
         return fma(self.damping, rate, elastic)
 
-    def resistance(self, be: Any, ga: Any) -> Any:
+    def resistance(self, be: Lanes, ga: Lanes) -> Lanes:
         """Stiffness against an acceleration at the end of a Newmark step, its damper included."""
         if self.is_plain:
             return fma(ga, self.group.prop("beta", self.building), be) * self.stiffness
         k = self.kt if self.group.yields(self.index) else self.stiffness
         return fma(ga, self.damping, be * k)
 
-    def stored(self, x: Any, about_rest: bool = False) -> Any:
+    def stored(self, x: ByFloor, about_rest: bool = False) -> Lanes:
         """Elastic energy (kJ), of a storey that yields about zero or about the drift at which it rests."""
         drift, i, yields = self.between(x), self.index, self.group.yields(self.index)
         if yields and about_rest:
@@ -757,7 +753,7 @@ class StoreySpring(Elastic):
         name, compiled, _ = code
         numbers = spec.alike_springs[code]
         if isinstance(i, int):
-            number: Any = numbers[i]
+            number: Index = numbers[i]
         elif all(e == floor for floor, e in numbers.items()):
             number = i
         else:
@@ -765,44 +761,44 @@ class StoreySpring(Elastic):
         law = STOREY_LAWS[name]
         self.__dict__.update(storey=storey, number=number, law=law, compiled=compiled, group=storey.group)
 
-    def _place(self, name: str) -> Any:
+    def _place(self, name: str) -> Index:
         return self.number if name in self.group.spec.spring_names else self.storey.index
 
     def __getattr__(self, name: str) -> Any:
         group, place = self.group, self._place(name)
         return group.state[name, place] if name in group.state.first else group.prop(name, place)
 
-    def __setattr__(self, name: str, x: Any) -> None:
+    def __setattr__(self, name: str, x: Lanes) -> None:
         self.group.state[name, self._place(name)] = x
 
-    def put(self, lanes: Any, **rows: Any) -> None:
+    def put(self, lanes: Truths, **rows: Lanes) -> None:
         """Write rows in some lanes (None: all)."""
         for name, x in rows.items():
             self.group.state.put(lanes, x, name, self._place(name))
 
     @property
-    def stiffness(self) -> Any:
+    def stiffness(self) -> Lanes:
         """Elastic stiffness (kN/m)."""
         k = self.storey.stiffness
         return self.stiffness_share * k if self.group.spec.shares_storeys else k
 
-    def drift(self, x: Any = "u", rounding: bool = False) -> Any:
+    def drift(self, x: ByFloor = "u", rounding: bool = False) -> Lanes:
         """Drift (m) of its storey, see `Storey.drift`."""
         return self.storey.drift(x, rounding)
 
-    def ends(self) -> tuple[Any, Any, Any, Any]:
+    def ends(self) -> tuple[Lanes, Lanes, Lanes, Lanes]:
         """Drifts and their rates at the start and the end of the sub-step: d0, d1, v0, v1."""
         return self.drift("u0"), self.drift("u"), self.drift("v0"), self.drift("v")
 
-    def term(self, name: str, k: Any) -> Any:
+    def term(self, name: str, k: Index) -> Lanes:
         """Coefficient k of a row of coefficients."""
         return self.group.state[name, self.number + k * len(self.group.spec.hysteretic)]
 
-    def put_term(self, name: str, k: Any, x: Any) -> None:
+    def put_term(self, name: str, k: Index, x: Lanes) -> None:
         """Write coefficient k of a row of coefficients."""
         self.group.state[name, self.number + k * len(self.group.spec.hysteretic)] = x
 
 
-def part_of(force: Any, share: Any) -> Any:
+def part_of(force: Lanes, share: Lanes) -> Lanes:
     """Return the share of a force (None: all of it)."""
     return force if share is None else share * force

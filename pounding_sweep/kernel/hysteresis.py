@@ -15,6 +15,7 @@ from typing import Any
 from pounding_sweep.kernel import collapse
 from pounding_sweep.kernel.group import Group, Storey, StoreySpring
 from pounding_sweep.kernel.roots import NEVER, course, crossing, cubic
+from pounding_sweep.kernel.types import ByFloor, Index, Lanes, Truths
 from pounding_sweep.lanes import Cell, fma, maximum, minimum, size, when_any, where, while_any
 from pounding_sweep.model.storeys import DriftGauge, SignGauge
 
@@ -30,7 +31,7 @@ def flowing(group: Group) -> list[StoreySpring]:
 # shears --------------------------------------------------------------------------------------------------------------
 
 
-def begin(group: Group, lanes: Any = None) -> None:
+def begin(group: Group, lanes: Truths = None) -> None:
     """Let all springs be in their first state, in all lanes or some."""
     for i in group.indices(group.spec.n_dof):
         for name in ("kt", "kd") if group.spec.tangent else ("kt",):
@@ -41,7 +42,7 @@ def begin(group: Group, lanes: Any = None) -> None:
             _put_line(spring, lanes)
 
 
-def _line(spring: StoreySpring, name: Any, constant: bool) -> tuple[Any, Any]:
+def _line(spring: StoreySpring, name: ByFloor, constant: bool) -> tuple[Lanes, Lanes]:
     """Tangent and constant of a shear: at displacements of a name, as it changes with rates, or in a term."""
     law: Any = spring.law
     if law.straight:
@@ -55,12 +56,14 @@ def _line(spring: StoreySpring, name: Any, constant: bool) -> tuple[Any, Any]:
     return law.tangent(spring, spring.drift(f"u{name[1:]}"), spring.drift(name), slip)
 
 
-def _sum(lines: Iterable[tuple[Any, Any]]) -> tuple[Any, Any]:
+def _sum(lines: Iterable[tuple[Lanes, Lanes]]) -> tuple[Lanes, Lanes]:
     kt, ct = (reduce(add, parts) for parts in zip(*lines, strict=True))
     return kt, ct
 
 
-def put_lines(group: Group, name: Any = "u", line: Callable[[StoreySpring], tuple[Any, Any]] | None = None) -> None:
+def put_lines(
+    group: Group, name: ByFloor = "u", line: Callable[[StoreySpring], tuple[Lanes, Lanes]] | None = None
+) -> None:
     """Make shears of storeys in which a spring flows those of `_line`, or of another line of these springs."""
     constant = isinstance(name, str) or name.constant
     for i in group.spec.flowing:
@@ -70,7 +73,7 @@ def put_lines(group: Group, name: Any = "u", line: Callable[[StoreySpring], tupl
         storey.kt, storey.ct = _sum(own)
 
 
-def _put_line(spring: StoreySpring, lanes: Any) -> None:
+def _put_line(spring: StoreySpring, lanes: Truths) -> None:
     """Make a storey's shear that of its springs in their present branches, in some lanes."""
     springs = spring.storey.springs() if isinstance(spring.storey.index, int) else [spring]
     kt, ct = _sum(each.law.line(each) for each in springs)
@@ -80,7 +83,7 @@ def _put_line(spring: StoreySpring, lanes: Any) -> None:
         spring.put(lanes, kd=fma(spring.storey.tangent, kt - k, spring.group.full(k)))
 
 
-def shear(storey: Storey, name: Any = "u") -> Any:
+def shear(storey: Storey, name: ByFloor = "u") -> Lanes:
     """Storey shear, dampers not included; of rates, or of what says that it has no `constant`, its rate."""
     constant = name.startswith(("u", "set")) if isinstance(name, str) else name.constant
     kt, ct = storey.kt, storey.ct
@@ -99,7 +102,7 @@ def find_sets(group: Group) -> None:
             group.state["set", i] = total
 
 
-def is_yielding(group: Group) -> Any:
+def is_yielding(group: Group) -> Truths:
     """Lanes in which any storey has another stiffness than at first."""
     lanes = group.cell(False)
     for storey in group.iter_storeys(group.spec.yielding):
@@ -117,13 +120,13 @@ def gauges(spring: StoreySpring) -> list[DriftGauge | SignGauge]:
     return [*spring.law.gauges(spring), *([collapse.gauge(spring)] if falls else [])]
 
 
-def margin(spring: StoreySpring, gauge: DriftGauge, share: float) -> Any:
+def margin(spring: StoreySpring, gauge: DriftGauge, share: float) -> Lanes:
     """By what a drift is beyond a bound for more than rounding, `share` of the bound's distance from the middle."""
     ends = spring.drift("u0", rounding=True) + spring.drift("u", rounding=True)
     return fma(gauge.reach, share, (size(gauge.middle) + ends) * spring.group.limit.exact)
 
 
-def _may_end(spring: StoreySpring, gauge: DriftGauge | SignGauge, h: Any) -> Any:
+def _may_end(spring: StoreySpring, gauge: DriftGauge | SignGauge, h: Lanes) -> Truths:
     """Lanes in which a branch may have ended in the step just taken."""
     if isinstance(gauge, SignGauge):
         return gauge.sign * gauge.end < 0.0
@@ -134,7 +137,7 @@ def _may_end(spring: StoreySpring, gauge: DriftGauge | SignGauge, h: Any) -> Any
     return leaves | (minimum(gauge.way * v0, gauge.way * v1) < 0.0)
 
 
-def may_change(group: Group, h: Any) -> Any:
+def may_change(group: Group, h: Lanes) -> Truths:
     """Lanes in which a branch of any spring, or a storey, may have ended in the step just taken, or too long a one."""
     lanes = group.cell(False)
     for spring in group.iter_springs():
@@ -145,7 +148,7 @@ def may_change(group: Group, h: Any) -> Any:
     return lanes.now
 
 
-def locate_event(group: Group, asks: Any) -> Any:
+def locate_event(group: Group, asks: Truths) -> Lanes:
     """Fraction of the trial at which the first branch ends (1: none), in the lanes that ask."""
     first = group.cell(1.0)
     for spring in group.iter_springs(straight=False):
@@ -159,7 +162,7 @@ def locate_event(group: Group, asks: Any) -> Any:
     return first.now
 
 
-def _locate_end(spring: StoreySpring, gauge: DriftGauge, busy: Any) -> None:
+def _locate_end(spring: StoreySpring, gauge: DriftGauge, busy: Truths) -> None:
     """Find when the drift ends a branch in the trial, and which follows."""
     group, (d0, d1, v0, v1) = spring.group, spring.ends()
     more = margin(spring, gauge, group.limit.at_release)
@@ -182,7 +185,7 @@ def _locate_end(spring: StoreySpring, gauge: DriftGauge, busy: Any) -> None:
     spring.put(busy & (turn < spring.turn), turn=turn, then=then)
 
 
-def _locate_kink(spring: StoreySpring, gauge: SignGauge, busy: Any) -> None:
+def _locate_kink(spring: StoreySpring, gauge: SignGauge, busy: Truths) -> None:
     """Find when a quantity changes its sign in the trial; a kink next to an end is at that end."""
     group, h = spring.group, spring.group.state["h"]
     slopes = gauge.slopes
@@ -192,7 +195,7 @@ def _locate_kink(spring: StoreySpring, gauge: SignGauge, busy: Any) -> None:
     spring.put(inside & (t < spring.turn), turn=t, then=gauge.kink)
 
 
-def apply_events(group: Group, lands: Any, h: Any) -> Any:
+def apply_events(group: Group, lands: Truths, h: Lanes) -> Truths:
     """Enter the phases that begin at the end of this sub-step, of a step of length h; returns where lines changed."""
     switched = group.cell(False)
     for spring in group.iter_springs(straight=False):
@@ -224,11 +227,11 @@ def follow(group: Group) -> None:
 # what flows between events -------------------------------------------------------------------------------------------
 
 
-def part(group: Group, t: Any) -> None:
+def part(group: Group, t: Lanes) -> None:
     """Make shears those at a part t of the sub-step just taken, between whose ends plastic drifts are cubics."""
     h = group.state["h"]
 
-    def line(spring: StoreySpring) -> tuple[Any, Any]:
+    def line(spring: StoreySpring) -> tuple[Lanes, Lanes]:
         p0, p1 = spring.slip0, spring.slip
         d0, d1, v0, v1 = spring.ends()
         r0, r1 = (h * spring.law.flow(spring, d, v, p) for d, v, p in ((d0, v0, p0), (d1, v1, p1)))
@@ -237,13 +240,13 @@ def part(group: Group, t: Any) -> None:
     put_lines(group, line=line)
 
 
-def _too_long(spring: StoreySpring, h: Any) -> Any:
+def _too_long(spring: StoreySpring, h: Lanes) -> Truths:
     """Lanes in which the drift moved farther than it may in the step just taken."""
     fastest = maximum(size(spring.drift("v0")), size(spring.drift("v")))
     return ~(h * fastest <= (1.0 + spring.group.limit.at_kink) * spring.law.reach(spring))
 
 
-def longest(group: Group, h: Any) -> Any:
+def longest(group: Group, h: Lanes) -> Lanes:
     """Longest sub-step from the present state, h where it may be as long."""
     length = group.cell(h)
     for spring in flowing(group):
@@ -258,13 +261,13 @@ class Flow:
     def __init__(self, group: Group) -> None:
         self._group, self._springs = group, flowing(group)
         self._start = self._now = [spring.slip0 for spring in self._springs]
-        self._rates: list[list[Any]] = [[] for _ in self._springs]
+        self._rates: list[list[Lanes]] = [[] for _ in self._springs]
         #: Sums of weight x rate of what is lost, by spring.
-        self.dissipated: dict[int, Any] = {}
+        self.dissipated: dict[int, Lanes] = {}
 
-    def set_stage(self, x: Sequence[Any], y: Sequence[Any], weight: float) -> None:
+    def set_stage(self, x: Sequence[Lanes], y: Sequence[Lanes], weight: float) -> None:
         """Make shears those of this stage, of displacements x and velocities y."""
-        slips = dict[int, Any]()
+        slips = dict[int, Lanes]()
         for spring, slip, rates in zip(self._springs, self._now, self._rates, strict=True):
             moved, v, e = spring.drift(x), spring.drift(y), spring.number
             law: Any = spring.law
@@ -275,7 +278,7 @@ class Flow:
                 self.dissipated[e] = self.dissipated[e] + part if e in self.dissipated else part
         put_lines(self._group, line=lambda spring: spring.law.line_at(spring, slips[spring.number]))
 
-    def advance(self, after: Callable[..., tuple[Any, Any]], stage: int, h: Any) -> None:
+    def advance(self, after: Callable[..., tuple[Lanes, Lanes]], stage: int, h: Lanes) -> None:
         """Go on from a stage, as `after` does with velocities."""
         pairs = zip(self._start, self._rates, strict=True)
         self._now = [after(stage, start, start, start, rates, h)[1] for start, rates in pairs]
@@ -320,7 +323,7 @@ def solve_step(group: Group, take: Callable[[], None]) -> None:
     s.put(astray.now & short, 1.0, "unsolved")
 
 
-def _line_of_round(spring: StoreySpring) -> tuple[Any, Any]:
+def _line_of_round(spring: StoreySpring) -> tuple[Lanes, Lanes]:
     """Return the line of a spring whose plastic drift is REST + FLOW d."""
     kt, c0 = spring.law.line_at(spring, spring.rest)
     return kt + spring.law.line_at(spring, spring.flow)[1], c0
@@ -337,14 +340,14 @@ def add_dissipated(group: Group) -> None:
 # steps by series -----------------------------------------------------------------------------------------------------
 
 
-def begin_term(group: Group, k: Any, x: Any) -> None:
+def begin_term(group: Group, k: Index, x: ByFloor) -> None:
     """Keep what coefficient k of floors gives of springs, and make shears those of this coefficient."""
     for spring in flowing(group):
         spring.law.begin_term(spring, k, x)
     put_lines(group, x)
 
 
-def end_term(group: Group, k: Any, x: Any, per: Any) -> None:
+def end_term(group: Group, k: Index, x: ByFloor, per: Lanes) -> None:
     """Find coefficient k + 1 of plastic drifts."""
     for law in {id(spring.law): spring.law for spring in flowing(group)}.values():
         law.end_term([spring for spring in flowing(group) if spring.law is law], k, x, per)

@@ -15,6 +15,7 @@ from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, course_of, is_closed, 
 from pounding_sweep.kernel.group import Contact, Group
 from pounding_sweep.kernel.roots import NEVER, first_crossing
 from pounding_sweep.kernel.row import put_accelerations
+from pounding_sweep.kernel.types import Index, Lanes, Truths
 from pounding_sweep.lanes import Cell, maximum, minimum, real, size, when_any, where, while_any
 from pounding_sweep.model.laws import RESTING_SPEED
 
@@ -39,13 +40,13 @@ def equalise_rows(group: Group, name: str, keeps: str = "force", memory: Any = N
         s[keeps, j] = x
 
 
-def equalise(group: Group, x: Sequence[Any], resting: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+def equalise(group: Group, x: Sequence[Lanes], resting: Sequence[Truths]) -> tuple[list[Lanes], list[Lanes]]:
     """Give resting floors one rate: the mean by mass along each row of them; returns rates and what it took."""
     contacts, joined = group.contacts, list(x)
     before = {right: j for j, (_, right, _) in enumerate(contacts) if right >= 0}
     after = {left: j for j, (left, _, _) in enumerate(contacts) if left >= 0}
-    total: list[Any] = []
-    mass: list[Any] = []
+    total: list[Lanes] = []
+    mass: list[Lanes] = []
     for left, _, _ in contacts:
         if left >= 0:
             momentum, heavy = group.prop("m", left) * x[left], group.full(group.prop("m", left))
@@ -57,8 +58,8 @@ def equalise(group: Group, x: Sequence[Any], resting: Sequence[Any]) -> tuple[li
             heavy = where(resting[b], heavy + mass[b], heavy)
         total.append(momentum)
         mass.append(heavy)
-    common: list[Any] = [None] * len(contacts)
-    force: list[Any] = [None] * len(contacts)
+    common: list[Lanes] = [None] * len(contacts)
+    force: list[Lanes] = [None] * len(contacts)
     for j, (_, right, _) in reversed(list(enumerate(contacts))):
         if right >= 0:
             m = group.prop("m", right)
@@ -76,12 +77,12 @@ def equalise(group: Group, x: Sequence[Any], resting: Sequence[Any]) -> tuple[li
     return joined, force
 
 
-def resting(group: Group) -> list[Any]:
+def resting(group: Group) -> list[Truths]:
     """Lanes in which the floors of each contact rest on each other."""
     return [contact.k_active > 0.0 for contact in group.iter_contacts(static=True)]
 
 
-def resting_accelerations(group: Group, lanes: Any) -> None:
+def resting_accelerations(group: Group, lanes: Truths) -> None:
     """Accelerations at the present state, and the forces of resting contacts, in some lanes."""
     s = group.state
     put_accelerations(group, "alone", "u", "v", group.ground.at(1.0))
@@ -92,7 +93,7 @@ def resting_accelerations(group: Group, lanes: Any) -> None:
         contact.put(lanes, force_end=contact.joining)
 
 
-def update_penetrations(group: Group) -> Any:
+def update_penetrations(group: Group) -> Truths:
     """Keep penetrations and their rates at both ends of the trial; returns the lanes in which something may happen."""
     s, look = group.state, group.cell(False)
     h = s["h"]
@@ -108,7 +109,7 @@ def update_penetrations(group: Group) -> Any:
     return look.now
 
 
-def locate_event(group: Group, asks: Any) -> Any:
+def locate_event(group: Group, asks: Truths) -> Lanes:
     """Fraction of the trial at which the first contact touches, or would pull (1: none), in the lanes that ask."""
     _s, h = group.state, group.state["h"]
     first = group.cell(1.0)
@@ -133,7 +134,7 @@ def locate_event(group: Group, asks: Any) -> Any:
     return first.now
 
 
-def sample_forces(group: Group, length: Any) -> None:
+def sample_forces(group: Group, length: Lanes) -> None:
     """Take the forces of resting floors over the sub-step just taken."""
     del length
     _s, r, h = group.state, group.requested, group.state["h"]
@@ -150,7 +151,7 @@ def force_rates(group: Group, end: str) -> None:
         setattr(contact, f"force_rate_{end}", x)
 
 
-def _note_onset(contact: Contact, lanes: Any, v: Any, h: Any) -> None:
+def _note_onset(contact: Contact, lanes: Truths, v: Lanes, h: Lanes) -> None:
     """Tell of an impact at the rate v; mark what is told."""
     group, r = contact.group, contact.group.requested
     fast = v > COUNTED * RESTING_SPEED
@@ -164,7 +165,7 @@ def _note_onset(contact: Contact, lanes: Any, v: Any, h: Any) -> None:
         contact.put(lanes, dmax=1.0)
 
 
-def _set_speed(group: Group, i: Any, lanes: Any, v: Any) -> None:
+def _set_speed(group: Group, i: Index, lanes: Truths, v: Lanes) -> None:
     """Let the velocity of a floor jump; its building gives its contacts the kinetic energy that it loses."""
     s, before = group.state, group.state["v", i]
     s["v", i] = after = where(lanes, v, before)
@@ -173,7 +174,7 @@ def _set_speed(group: Group, i: Any, lanes: Any, v: Any) -> None:
         s["now", b] += 0.5 * group.prop("m", i) * (before - after) * (before + after)
 
 
-def _jump(contact: Contact, lanes: Any, v: Any, e: Any) -> None:
+def _jump(contact: Contact, lanes: Truths, v: Lanes, e: Lanes) -> None:
     """Velocities of two floors that meet at the rate v jump: v -> -e v, momentum kept (Newton's impact law)."""
     group = contact.group
     s, r, m = group.state, group.requested, contact.reduced
@@ -191,7 +192,7 @@ def _jump(contact: Contact, lanes: Any, v: Any, e: Any) -> None:
         transfers.jumped(group)
 
 
-def _apply_impacts(group: Group, lanes: Any, h: Any) -> None:
+def _apply_impacts(group: Group, lanes: Truths, h: Lanes) -> None:
     """Impacts of the contacts at this instant (``next`` > 0), until none of their floors approach."""
     again = Cell(lanes)
     for _ in while_any(lambda: again.now, at_most=MAX_TRIES):
@@ -207,7 +208,7 @@ def _apply_impacts(group: Group, lanes: Any, h: Any) -> None:
         again.now = more.now
 
 
-def _stop_approach(group: Group, lanes: Any) -> None:
+def _stop_approach(group: Group, lanes: Truths) -> None:
     """Floors at this instant that do not part stop to approach: what `_apply_impacts` has left of it."""
     _s, r = group.state, group.requested
     for contact in group.iter_contacts():
@@ -227,7 +228,7 @@ def _stop_approach(group: Group, lanes: Any) -> None:
         transfers.jumped(group)
 
 
-def _choose(group: Group, lanes: Any) -> None:
+def _choose(group: Group, lanes: Truths) -> None:
     """Let those of the contacts marked in ``k_active`` rest that are pressed; the others are unmarked."""
     active = Cell(lanes)
     for _ in while_any(lambda: active.now, at_most=len(group.contacts) + 1):
@@ -243,7 +244,7 @@ def _choose(group: Group, lanes: Any) -> None:
         active.now = mask & (at.now >= 0.0)
 
 
-def apply_events(group: Group, lanes: Any, h: Any) -> Any:
+def apply_events(group: Group, lanes: Truths, h: Lanes) -> Truths:
     """Let floors part, jump and come to rest at the instant that ends this sub-step; returns its lanes."""
     _s, released = group.state, group.limit.released
     for contact in group.iter_contacts():

@@ -7,9 +7,8 @@ Floors x and their rates y are sequences of all floors, or names of rows.
 
 from __future__ import annotations
 
-from typing import Any
-
 from pounding_sweep.kernel.group import BENDS, Group, Spring
+from pounding_sweep.kernel.types import ByFloor, Lanes
 from pounding_sweep.lanes import fma, maximum, size, where
 
 #: Shortest step (s) over which a rate is a difference: one that no lane takes.
@@ -23,7 +22,7 @@ def clear_powers(group: Group) -> None:
             group.state[name, k] = 0.0
 
 
-def add_powers(group: Group, x: Any, y: Any, weight: Any, first: bool) -> None:
+def add_powers(group: Group, x: ByFloor, y: ByFloor, weight: Lanes, first: bool) -> None:
     """Add to the sums over a step what buildings give to links and what their dashpots lose, at one state."""
     s = group.state
     if first:
@@ -35,7 +34,7 @@ def add_powers(group: Group, x: Any, y: Any, weight: Any, first: bool) -> None:
         s["dlink_loss", link.index] += weight * link.lost(y)
 
 
-def record(group: Group, h6: Any) -> None:
+def record(group: Group, h6: Lanes) -> None:
     """Add energies of a step, from those sums, which are of six."""
     s = group.state
     for b in group.indices(group.spec.n_buildings):
@@ -47,7 +46,7 @@ def record(group: Group, h6: Any) -> None:
 # peaks ---------------------------------------------------------------------------------------------------------------
 
 
-def motion(link: Spring, name: str) -> Any:
+def motion(link: Spring, name: str) -> Lanes:
     """Force of a link at an end of the step (``u``, ``u0``), its rate (``v``, ``v0``), or what its polynomial has."""
     group = link.group
     if name.startswith("u"):

@@ -13,6 +13,7 @@ from pounding_sweep.kernel import collapse, forces, hysteresis, impulse, rest, t
 from pounding_sweep.kernel.group import BENDS, ENDS_OF_STEP, Group
 from pounding_sweep.kernel.peaks import largest_accelerations, reduce_step, samples, turning, turns
 from pounding_sweep.kernel.row import iter_powers
+from pounding_sweep.kernel.types import Index, Lanes, Note, Truths
 from pounding_sweep.lanes import (
     Cell,
     any_lane,
@@ -40,7 +41,7 @@ DIVERGED = 1.0e5
 FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED = 1, 2, 4
 
 
-def begin(group: Group, start: Any, lanes: Any = None) -> None:
+def begin(group: Group, start: Lanes, lanes: Truths = None) -> None:
     """Fill lanes (all, or some) whose inputs are there; `start` is the first ground acceleration."""
     s, spec = group.state, group.spec
     for i in group.indices(spec.n_moving):
@@ -65,7 +66,7 @@ def begin(group: Group, start: Any, lanes: Any = None) -> None:
         group.scheme.begin(group)
 
 
-def conclude(group: Group, lanes: Any, steps: Any) -> None:
+def conclude(group: Group, lanes: Truths, steps: Index) -> None:
     """Last energies and flags of lanes that are at their end, after so many steps."""
     s, spec = group.state, group.spec
     rest.conclude(group, lanes)
@@ -83,7 +84,7 @@ def conclude(group: Group, lanes: Any, steps: Any) -> None:
     s["flags"] = flags
 
 
-def plain_contacts(group: Group, h: Any, time: Any) -> None:
+def plain_contacts(group: Group, h: Lanes, time: Lanes) -> None:
     """Onsets and sampled peaks of contacts at the end of a step."""
     s, r = group.state, group.requested
     implicit = group.spec.implicit
@@ -127,7 +128,7 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
                     s["gain", b] = fma(0.5 * h, power, s["gain", b])
 
 
-def begin_step(group: Group, lanes: Any, ga: Any, gb: Any, h: Any) -> None:
+def begin_step(group: Group, lanes: Truths, ga: Lanes, gb: Lanes, h: Lanes) -> None:
     """Begin a step of length h, the ground moving from `ga` to `gb`, in some lanes."""
     s = group.state
     group.ground.go(ga, gb, lanes, ENDS_OF_STEP)
@@ -135,7 +136,7 @@ def begin_step(group: Group, lanes: Any, ga: Any, gb: Any, h: Any) -> None:
         s.put(lanes, value, name)
 
 
-def look_ahead(group: Group, h: Any) -> None:
+def look_ahead(group: Group, h: Lanes) -> None:
     """Length and ground of every lane's next trial."""
     s = group.state
     most = group.prop("longest") if group.spec.staged else h
@@ -150,7 +151,7 @@ def look_ahead(group: Group, h: Any) -> None:
     group.ground.go_part(h - rest, length, rest, h)
 
 
-def refuse(group: Group, lanes: Any) -> None:
+def refuse(group: Group, lanes: Truths) -> None:
     """Lanes that refuse their trial return to its start."""
     s, spec = group.state, group.spec
     s["land"] += where(lanes, 1.0, 0.0)
@@ -163,7 +164,7 @@ def refuse(group: Group, lanes: Any) -> None:
             s.put(lanes, s[before, i], now, i)
 
 
-def cut(group: Group, lanes: Any) -> None:
+def cut(group: Group, lanes: Truths) -> None:
     """Lanes end their trial at its first event."""
     s, t = group.state, group.state["fraction"]
     h = t * s["h"]
@@ -182,7 +183,7 @@ def cut(group: Group, lanes: Any) -> None:
     s.put(lanes, h, "h")
 
 
-def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
+def accept_substep(group: Group, look: Truths, kind: ModuleType) -> None:
     """Let lanes refuse their trial where an event ends it earlier; the length of the next one is in ``ahead``."""
     s, h = group.state, group.state["h"]
     ongoing = s["time_left"] > 0.0
@@ -223,7 +224,7 @@ def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
             (cut if group.spec.staged and not (group.spec.yielding or sums) else refuse)(group, early)
 
 
-def substep(group: Group, h: Any) -> None:
+def substep(group: Group, h: Lanes) -> None:
     """One trial sub-step of every lane that has some of its step of length h left."""
     s, kind, r = group.state, impulse if group.spec.impulsive else forces, group.requested
     look_ahead(group, h)
@@ -250,7 +251,7 @@ def substep(group: Group, h: Any) -> None:
     close(group, kind, h)
 
 
-def close(group: Group, kind: ModuleType, h: Any) -> None:
+def close(group: Group, kind: ModuleType, h: Lanes) -> None:
     """Conclude a sub-step: time goes on, lanes that land change their modes, velocities jump."""
     s = group.state
     s["tries"] += where(s["land"] > 0.0, s["accepted"], forces.PLAIN_TRY * s["accepted"])
@@ -302,7 +303,7 @@ def moving_rows(group: Group) -> dict[str, int]:
     return floors | dict.fromkeys(spec.of_springs("moving"), len(spec.hysteretic))
 
 
-def clear_forces(group: Group, lanes: Any) -> None:
+def clear_forces(group: Group, lanes: Truths) -> None:
     """Flight goes on without contact forces, in some lanes."""
     for contact in group.iter_contacts(straight=True):
         contact.put(lanes, force_start=0.0, force_end=0.0, force_rate_start=0.0, force_rate_end=0.0)
@@ -313,7 +314,7 @@ def needs_ends(group: Group) -> bool:
     return group.touching and not group.spec.series and group.looks("ends")
 
 
-def may_touch(group: Group, h: Any) -> Any:
+def may_touch(group: Group, h: Lanes) -> Truths:
     """Lanes in which floors may touch in the step just flown, by its ends and their rates."""
     u0, v0, u, v = (name if group.looped else group.floors(name) for name in ("u0", "v0", "u", "v"))
     hit = group.cell(-1.0)
@@ -328,7 +329,7 @@ def may_touch(group: Group, h: Any) -> Any:
 class FixedSteps:
     """All steps of one lane group, of one length; `leave` takes the results of lanes that are at their end."""
 
-    def __init__(self, group: Group, ground: Any, note: Any, leave: Callable[[Any], None]) -> None:
+    def __init__(self, group: Group, ground: Any, note: Note, leave: Callable[[Truths], None]) -> None:
         self.group, self.ground, self.note, self.leave = group, ground, note, leave
 
     def run(self) -> None:
@@ -345,7 +346,7 @@ class FixedSteps:
                     self._step(number.now, j, closed, flowing)
                 number.now += 1
 
-    def _leave(self, number: Any, busy: Cell) -> None:
+    def _leave(self, number: Index, busy: Cell) -> None:
         """Let lanes leave that are at their end, or that nothing changes any more, after so many intervals."""
         group, s = self.group, self.group.state
         rests = number - self.ground.record
@@ -363,7 +364,7 @@ class FixedSteps:
             self.leave(over.now)
         busy.now &= ~over.now
 
-    def _step(self, i: Any, j: Any, closed: Cell, flowing: Cell | None) -> None:
+    def _step(self, i: Index, j: Index, closed: Cell, flowing: Cell | None) -> None:
         group, s, ground = self.group, self.group.state, self.ground
         ga, gb = ground.ends(i, j)
         number = i * ground.steps + j
@@ -381,7 +382,7 @@ class FixedSteps:
         if self.note is not None:
             self.note(number + 1)
 
-    def _reduce(self, add: Callable[[], None], turned: Any) -> None:
+    def _reduce(self, add: Callable[[], None], turned: Truths) -> None:
         group = self.group
         if group.spec.located and group.follows:
             with when_any(turned <= 0.0):
@@ -394,7 +395,7 @@ class FixedSteps:
         if "acceleration" in group.requested:
             largest_accelerations(group, group.spec.located)
 
-    def _step_events(self, closed: Cell, flowing: Cell | None, ga: Any, gb: Any, h: Any) -> None:
+    def _step_events(self, closed: Cell, flowing: Cell | None, ga: Lanes, gb: Lanes, h: Lanes) -> None:
         group, s = self.group, self.group.state
         touched = Cell(True)
         for _ in once_if(not_(closed.now)):
@@ -425,7 +426,7 @@ class FixedSteps:
                 for _ in once_if(not_(closed.now)):
                     clear_forces(group, group.full(True))
 
-    def _step_sampled(self, number: Any) -> None:
+    def _step_sampled(self, number: Index) -> None:
         group, h = self.group, self.ground.h
         add = group.scheme.plain(group, h)
         plain_contacts(group, h, self.ground.time(number + 1))

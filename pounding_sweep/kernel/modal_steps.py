@@ -12,8 +12,8 @@ that are under-, critically and over-damped.
 from __future__ import annotations
 
 import math
-from typing import Any
 
+from pounding_sweep.kernel.types import Lanes
 from pounding_sweep.lanes import Cell, fma, maximum, sqrt, where, while_any
 
 #: Largest frequency or damping, times the step, for which the series is summed, and its number of terms:
@@ -25,10 +25,10 @@ _HALVINGS = 64
 MOVES = ("qq", "qp", "pq", "pp", "q0", "p0", "q1", "p1")
 
 #: f0 + f1 Z
-_Function = tuple[Any, Any]
+_Function = tuple[Lanes, Lanes]
 
 
-def step(w: Any, c: Any, push: Any, h: Any) -> dict[str, Any]:
+def step(w: Lanes, c: Lanes, push: Lanes, h: Lanes) -> dict[str, Lanes]:
     """Return `MOVES` over a step of `h` (s), of frequencies, decay 2 zeta w, and what the ground pushes by."""
     square, damping = (w * h) * (w * h), c * h
     # each by its own number of halvings, so that none depends on those beside it

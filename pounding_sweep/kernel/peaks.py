@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 from pounding_sweep.kernel import forces, hysteresis
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.roots import Series, course, cubic, turn
 from pounding_sweep.kernel.row import add_forces, put_accelerations
+from pounding_sweep.kernel.types import ByFloor, Index, Lanes, Truths
 from pounding_sweep.lanes import Cell, any_lane, count_to, fma, maximum, minimum, once_if, size, sqrt, when_any, where
 
 #: Most that a cubic leaves its ends by, in its rates there times the step.
@@ -28,7 +28,7 @@ SHARES = (1.0 / 24.0, 1.0 / 120.0)
 LEAVES = 2.0**-30
 
 
-def extreme(curve: Series, s1: Any, nearer: bool = False) -> Any:
+def extreme(curve: Series, s1: Lanes, nearer: bool = False) -> Lanes:
     """Extreme inside a step of a polynomial, whose rate is s1 at its end, about where the rate turns."""
     s0 = curve.read(1)
     t = where(s0 * s1 < 0.0, s0 / (s0 - s1), 0.0)
@@ -39,7 +39,7 @@ def extreme(curve: Series, s1: Any, nearer: bool = False) -> Any:
     return curve.value(t)
 
 
-def cubic_turns(curve: Series) -> tuple[Any, Any]:
+def cubic_turns(curve: Series) -> tuple[Lanes, Lanes]:
     """Where a cubic turns inside the step, as parts of it; else 0."""
     _, s0, b, a = (curve.read(n) for n in range(4))
     root = sqrt(b * b - 3.0 * a * s0)  # of what never turns not a number
@@ -50,14 +50,14 @@ def cubic_turns(curve: Series) -> tuple[Any, Any]:
 
 def septic_extremes(
     group: Group,
-    lanes: Any,
-    start: Sequence[Any],
-    end: Sequence[Any],
-    so_far: tuple[Any, Any],
-    higher: Callable[[], Sequence[tuple[Any, Any]]],
+    lanes: Truths,
+    start: Sequence[Lanes],
+    end: Sequence[Lanes],
+    so_far: tuple[Lanes, Lanes],
+    higher: Callable[[], Sequence[tuple[Lanes, Lanes]]],
     *,
     bounds: bool = False,
-) -> tuple[Any, Any]:
+) -> tuple[Lanes, Lanes]:
     """Largest and least values, in lanes, of the polynomial with value and three rates (by powers of the step) at ends.
 
     Those that go beyond the largest and least value `so_far` are of the polynomial that has the fourth and fifth rates
@@ -85,7 +85,7 @@ def septic_extremes(
             most, least = maximum(most, x), minimum(least, x)
         again.now &= (most > high) | (least < low)
 
-    def take(mask: Any, x: Any) -> None:
+    def take(mask: Truths, x: Lanes) -> None:
         above.now = where(mask, maximum(above.now, x), above.now)
         below.now = where(mask, minimum(below.now, x), below.now)
 
@@ -127,12 +127,12 @@ class Motion:
     """A motion whose extremes are kept."""
 
     #: rows of its largest and its smallest value; without a `least` one that of the largest
-    most: tuple[str, Any]
-    least: tuple[str, Any] | None
+    most: tuple[str, Index]
+    least: tuple[str, Index] | None
     sized: bool  # it is its absolute value that counts
-    soft: Callable[[], Any]  # square of the most by which a free vibration departs from rest, over twice its energy
-    of: Callable[[Any], Any]  # reads it, or its rate, by the name of the floors' rows, or from numbers of the floors
-    shear: Any = -1  # floor above the storey that yields, of whose hysteresis it is the shear; -1: of none
+    soft: Callable[[], Lanes]  # square of the most by which a free vibration departs from rest, over twice its energy
+    of: Callable[[ByFloor], Lanes]  # reads it, or its rate
+    shear: Index = -1  # floor above the storey that yields, of whose hysteresis it is the shear; -1: of none
     alone: bool = True  # it may turn where no other motion does that is followed
     pulls: bool = False  # it follows velocities too: the force of a link
 
@@ -162,7 +162,7 @@ def turns(group: Group) -> None:
             take_extremes(group, motion, asks, (p, x0, x1))
 
 
-def take_extremes(group: Group, motion: Motion, lanes: Any, values: tuple[Any, Any, Any]) -> None:
+def take_extremes(group: Group, motion: Motion, lanes: Truths, values: tuple[Lanes, Lanes, Lanes]) -> None:
     """Take three values of a motion, in some lanes: others must not know that their neighbours turn."""
     s, (p, x0, x1) = group.state, values
     high = s[motion.most]
@@ -173,7 +173,7 @@ def take_extremes(group: Group, motion: Motion, lanes: Any, values: tuple[Any, A
         s[motion.least] = where(lanes, minimum(low, minimum(p, minimum(x0, x1))), low)
 
 
-def samples(group: Group, lanes: Any = None) -> None:
+def samples(group: Group, lanes: Truths = None) -> None:
     """Take the motion at the present state, in some lanes."""
     s = group.state
     for motion in followed(group, straight=True):
@@ -190,7 +190,7 @@ def reduce_step(group: Group) -> None:
             reducer.step(group)
 
 
-def turning(group: Group) -> Any:
+def turning(group: Group) -> Truths:
     """Return what is zero or less where some of the motion that is followed turns in the step just taken."""
     product = group.cell(1.0)
     for motion in followed(group, straight=True):
@@ -216,7 +216,7 @@ def largest_accelerations(
             s["acc", i] = maximum(s["acc", i], size(s["acc_end", i]))
         return
 
-    def relative(end: str, t: float, i: Any) -> Any:
+    def relative(end: str, t: float, i: Index) -> Lanes:
         return s[f"acc_{end}", i] - (0.0 if group.rocks(i) else group.ground.at(t)(group.home_of(i)[2]))
 
     for end, _, v, t in ends:
@@ -248,7 +248,7 @@ def largest_accelerations(
                     _take_acceleration(group, i, mask)
 
 
-def _acceleration_turn(group: Group, curve: Series, s1: Any) -> tuple[Any, Any]:
+def _acceleration_turn(group: Group, curve: Series, s1: Lanes) -> tuple[Lanes, Lanes]:
     """Where an acceleration is largest inside a sub-step, by a cubic of rate s1 at the end, and its size there."""
     if not group.spec.staged:  # by whose rates it may turn where it does not: those of forces may be means
         s0 = curve.read(1)
@@ -258,7 +258,7 @@ def _acceleration_turn(group: Group, curve: Series, s1: Any) -> tuple[Any, Any]:
     return where(p > q, t, u), maximum(p, q)
 
 
-def _take_acceleration(group: Group, i: Any, lanes: Any) -> None:
+def _take_acceleration(group: Group, i: Index, lanes: Truths) -> None:
     """Take the acceleration of a floor beside closed contacts where it turns inside the sub-step, in some lanes."""
     s, h = group.state, group.state["h"]
     s1 = h * s["acc_rate_end", i]
@@ -284,11 +284,11 @@ def _take_acceleration(group: Group, i: Any, lanes: Any) -> None:
         at.now = where((nearer > 0.0) & (nearer < 1.0), nearer, t)
 
 
-def moved(group: Group, t: Any, velocities: bool = False) -> Callable[[Any], Any]:
+def moved(group: Group, t: Lanes, velocities: bool = False) -> Callable[[Index], Lanes]:
     """Return what gives displacements of floors at a part t of the sub-step just tried, or their velocities."""
     s = group.state
 
-    def of(i: Any) -> Any:
+    def of(i: Index) -> Lanes:
         motion = course(group, lambda name: s[name, i])
         return motion.rate.value(t) / s["h"] if velocities else motion.value(t)
 

@@ -14,20 +14,21 @@ from pounding_sweep.kernel import collapse, forces, hysteresis
 from pounding_sweep.kernel.group import Contact, Group, Matrices, Spring
 from pounding_sweep.kernel.peaks import followed
 from pounding_sweep.kernel.row import kinetic, strain
+from pounding_sweep.kernel.types import Lanes, Truths
 from pounding_sweep.lanes import size, sqrt, where
 
 #: By what damping raises the bound of a total acceleration at most, squared: ratios of modes are below 0.86.
 DAMPED = 4.0
 
 
-def note_energies(group: Group, lanes: Any) -> None:
+def note_energies(group: Group, lanes: Truths) -> None:
     """Keep the energies that buildings hold at the last point of the record, in some lanes."""
     for b, floors in group.iter_buildings() if "energy" in group.requested else ():
         group.state.put(lanes, kinetic(group, b, floors), "e_kin", b)
         group.state.put(lanes, strain(group, b, floors), "e_strain", b)
 
 
-def conclude(group: Group, lanes: Any) -> None:
+def conclude(group: Group, lanes: Truths) -> None:
     """Let what buildings hold at the end go into their damping, if they come to rest, in some lanes."""
     s, settles = group.state, group.full(group.prop("settles") if group.spec.rest_is_bounded else 0.0)
     rests = s["rests"] > 0.0
@@ -41,7 +42,7 @@ def conclude(group: Group, lanes: Any) -> None:
         link.link_held = link.stored("u")
 
 
-def may_change(group: Group) -> Any:
+def may_change(group: Group) -> Truths:
     """Lanes in which floors may still touch, storeys yield or fall, or a peak grow, the ground being at rest."""
     spec, s = group.spec, group.state
     twice, changes = group.cell(0.0), group.cell(False)
@@ -78,12 +79,12 @@ def may_change(group: Group) -> Any:
     return changes.now
 
 
-def between(contact: Contact) -> Any:
+def between(contact: Contact) -> Lanes:
     """Square of the most by which a contact closes, over twice the energy; struck columns as the floor above them."""
     return reduce(add, [contact.group.prop("flexibility", floor) for floor in contact.sides if floor is not None])
 
 
-def of_link(link: Spring) -> Any:
+def of_link(link: Spring) -> Lanes:
     """Square of the largest force of a link, over twice the energy."""
     masses = reduce(add, [link.group.prop("im", i) for i, _, _ in link.ends])
     return link.group.full(link.stiffness + link.damping * link.damping * masses)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from pounding_sweep.kernel.group import BENDS, Group
+from pounding_sweep.kernel.types import Lanes, Truths
 from pounding_sweep.lanes import Cell, fma, maximum, minimum, size, sqrt, when_any, where, while_any
 
 #: Newton's last change of a root (in steps) that it need not repeat, in both number formats.
@@ -20,7 +20,7 @@ LEAVES = tuple(1.07 * most for most in (0.0625, 0.157, 0.27, 0.394, 0.525))
 NEVER = 2.0
 
 
-def horner(t: Any, coefficients: Sequence[Any]) -> Any:
+def horner(t: Lanes, coefficients: Sequence[Lanes]) -> Lanes:
     """Value of a polynomial; of a long one in two halves, which need not wait for each other."""
     if len(coefficients) > 8:
         square = t * t
@@ -31,7 +31,7 @@ def horner(t: Any, coefficients: Sequence[Any]) -> Any:
     return x
 
 
-def with_slope(t: Any, coefficients: Sequence[Any], halves: bool = True) -> tuple[Any, Any]:
+def with_slope(t: Lanes, coefficients: Sequence[Lanes], halves: bool = True) -> tuple[Lanes, Lanes]:
     """Value and slope of a polynomial of at least two coefficients, in `halves` as in `horner`."""
     if halves and len(coefficients) > 8:
         square = t * t
@@ -48,23 +48,23 @@ def with_slope(t: Any, coefficients: Sequence[Any], halves: bool = True) -> tupl
 class Series:
     """A polynomial of the time since the start of a step, in steps: its coefficients, and the highest."""
 
-    read: Callable[[int], Any]
+    read: Callable[[int], Lanes]
     order: int
 
     @classmethod
-    def of(cls, *coefficients: Any) -> Series:
+    def of(cls, *coefficients: Lanes) -> Series:
         """Return that of the coefficients."""
         return cls(coefficients.__getitem__, len(coefficients) - 1)
 
-    def begun(self, x: Any) -> Series:
+    def begun(self, x: Lanes) -> Series:
         """Return the same that begins with x."""
         return Series(lambda n: self.read(n) if n else x, self.order)
 
-    def value(self, t: Any) -> Any:
+    def value(self, t: Lanes) -> Lanes:
         """Its value."""
         return horner(t, [self.read(n) for n in range(self.order + 1)])
 
-    def with_slope(self, t: Any, halves: bool = True) -> tuple[Any, Any]:
+    def with_slope(self, t: Lanes, halves: bool = True) -> tuple[Lanes, Lanes]:
         """Its value, and that of its derivative."""
         return with_slope(t, [self.read(n) for n in range(self.order + 1)], halves)
 
@@ -73,19 +73,19 @@ class Series:
         """Its derivative."""
         return Series(lambda n: float(n + 1) * self.read(n + 1), self.order - 1)
 
-    def bulge(self, t: Any) -> Any:
+    def bulge(self, t: Lanes) -> Lanes:
         """Most that it leaves the cubic through its values and slopes at 0 and t by."""
         square = t * t
         powers = [share * size(self.read(n)) for n, share in enumerate(LEAVES, 4)]
         return square * square * horner(t, powers)
 
 
-def cubic(x0: Any, x1: Any, s0: Any, s1: Any) -> Series:
+def cubic(x0: Lanes, x1: Lanes, s0: Lanes, s1: Lanes) -> Series:
     """Cubic with values x and rates s at 0 and 1."""
     return Series.of(x0, s0, -3.0 * (x0 - x1) - (2.0 * s0 + s1), 2.0 * (x0 - x1) + (s0 + s1))
 
 
-def course(group: Group, read: Callable[[str], Any]) -> Series:
+def course(group: Group, read: Callable[[str], Lanes]) -> Series:
     """Return a motion in the sub-step just tried, by parts of it; `read` gives it by the names of the floors' rows."""
     h = group.state["h"]
     d0, b1, b2 = read("u0"), h * read("v0"), 0.5 * h * h * read("a0")
@@ -96,13 +96,13 @@ def course(group: Group, read: Callable[[str], Any]) -> Series:
     return Series.of(d0, b1, b2, 4.0 * rise - turn, turn - 3.0 * rise)
 
 
-def tangents(series: Series, t: Any) -> tuple[Any, Any, Any, Any]:
+def tangents(series: Series, t: Lanes) -> tuple[Lanes, Lanes, Lanes, Lanes]:
     """Its value at the start, those of the tangents at both ends of 0 to t at thirds of it, and that at the end."""
     start, third, (end, slope) = series.read(0), (1.0 / 3.0) * t, series.with_slope(t)
     return start, fma(third, series.read(1), start), fma(-third, slope, end), end
 
 
-def crossing(group: Group, asks: Any, low: Any, high: Any, series: Series, sign: Any) -> Any:
+def crossing(group: Group, asks: Truths, low: Lanes, high: Lanes, series: Series, sign: Lanes) -> Lanes:
     """Where sign times a series turns positive, in lanes that ask; at huge steps there may be several."""
     if group.spec.implicit:
         return root(group, asks, low, high, lambda t: sign * series.value(t))
@@ -111,15 +111,15 @@ def crossing(group: Group, asks: Any, low: Any, high: Any, series: Series, sign:
 
 def first_crossing(
     group: Group,
-    lanes: Any,
+    lanes: Truths,
     series: Series,
-    sign: Any,
-    crosses: Any,
-    turns: Any,
-    rises: Any = None,
-    least: Any = 0.0,
-    end: Any = 1.0,
-) -> Any:
+    sign: Lanes,
+    crosses: Truths,
+    turns: Truths,
+    rises: Truths = None,
+    least: Lanes = 0.0,
+    end: Lanes = 1.0,
+) -> Lanes:
     """Where sign times a series turns positive, in some lanes: before the `end`, where it `crosses`, else `NEVER`."""
     # where it `rises` only after it fell, it may begin at its event; where it `turns`, it must have been above `least`
     rises = group.full(False) if rises is None else rises
@@ -132,7 +132,7 @@ def first_crossing(
     return where(event.now, crossing(group, event.now, low.now, high.now, series, sign), NEVER)
 
 
-def newton(group: Group, asks: Any, low: Any, high: Any, series: Series, sign: Any) -> Any:
+def newton(group: Group, asks: Truths, low: Lanes, high: Lanes, series: Series, sign: Lanes) -> Lanes:
     """Where sign times a series turns positive between two instants, in lanes that ask (Newton in a bracket)."""
     low, high = group.full(low), group.full(high)
     (at_low, rises), at_high = (sign * x for x in series.with_slope(low)), sign * series.value(high)
@@ -157,12 +157,17 @@ def newton(group: Group, asks: Any, low: Any, high: Any, series: Series, sign: A
 
 
 def turn(
-    group: Group, lanes: Any, rounds: int, rate: Callable[[Any], Any], ends: tuple[Any, Any], rates: tuple[Any, Any]
-) -> Any:
+    group: Group,
+    lanes: Truths,
+    rounds: int,
+    rate: Callable[[Lanes], tuple[Lanes, Lanes]],
+    ends: tuple[Lanes, Lanes],
+    rates: tuple[Lanes, Lanes],
+) -> Lanes:
     """Where a rate, given with its slope, changes its sign between two instants, in some lanes: Newton in a bracket."""
     (start, end), (r0, r1) = ends, rates
 
-    def nearer(t: Any, low: Any, high: Any) -> tuple[Any, Any, Any]:
+    def nearer(t: Lanes, low: Lanes, high: Lanes) -> tuple[Lanes, Lanes, Lanes]:
         x, slope = rate(t)
         early, then = x * r0 > 0.0, t - x / slope
         low, high = where(early, t, low), where(early, high, t)
@@ -180,7 +185,7 @@ def turn(
     return now.now
 
 
-def root(group: Group, asks: Any, low: Any, high: Any, f: Callable[[Any], Any]) -> Any:
+def root(group: Group, asks: Truths, low: Lanes, high: Lanes, f: Callable[[Lanes], Lanes]) -> Lanes:
     """Where f turns positive between two instants, in lanes that ask (Illinois, then the upper end)."""
     low, high = group.full(low), group.full(high)
     at_low, at_high = f(low), f(high)
@@ -204,7 +209,7 @@ def root(group: Group, asks: Any, low: Any, high: Any, f: Callable[[Any], Any]) 
     return hi.now
 
 
-def cubic_turn(x0: Any, x1: Any, s0: Any, s1: Any) -> Any:
+def cubic_turn(x0: Lanes, x1: Lanes, s0: Lanes, s1: Lanes) -> Lanes:
     """Where a cubic with values x and rates s (times the step) at its ends turns, from s0 > 0 to s1 < 0."""
     rise = x1 - x0
     b, c = 3.0 * rise - 2.0 * s0 - s1, s0 + s1 - 2.0 * rise

@@ -13,28 +13,26 @@ from functools import reduce
 from operator import add
 from typing import Any
 
-from pounding_sweep.kernel.group import Contact, Element, Group, Instant, Part, signed_sum
+from pounding_sweep.kernel.group import Contact, Element, Group, Part, signed_sum
+from pounding_sweep.kernel.types import ByFloor, Forces, Index, Instant, Lanes
 from pounding_sweep.lanes import fma
-
-#: Forces on a degree of freedom, each after its sign: 1 to the right, -1 to the left.
-Forces = Sequence[tuple[int, Any]]
 
 
 def accelerations(
     group: Group,
     part: Part,
-    x: Sequence[Any],
-    y: Sequence[Any],
+    x: Sequence[Lanes],
+    y: Sequence[Lanes],
     ground: Instant | None,
     push: Sequence[Forces],
     constant: bool = True,
     loads: bool = False,
-) -> list[Any]:
+) -> list[Lanes]:
     """Accelerations of displacements x and velocities y, under forces `push` at each place; times masses if `loads`.
 
     They are relative to the ground, whose acceleration is `ground`; None: total ones.
     """
-    forces: list[list[tuple[int, Any]]] = [[] for _ in part.dofs]
+    forces: list[list[tuple[int, Lanes]]] = [[] for _ in part.dofs]
     w = list(x)  # x + beta y, of whose stretch the force of a storey is a share; a single one has no beta
     for b, places, _, elements in part.blocks:
         if len(places) > 1 and any(element.is_plain for element in elements):
@@ -43,7 +41,7 @@ def accelerations(
         for element in elements:
             for p, sign, force in element.pushes(x, y, w, constant):
                 forces[p].append((sign, force))
-    result: list[Any] = [None] * len(part.dofs)
+    result: list[Lanes] = [None] * len(part.dofs)
     for b, places, on_ground, _ in part.blocks:
         for p in places:
             i, net = part.dofs[p], signed_sum([*forces[p], *(push[p] if push else ())])
@@ -63,11 +61,11 @@ class Pushes:
 
     def __init__(self, group: Group, rows: bool | None = None) -> None:
         self._group, self._rows = group, group.looped if rows is None else rows
-        self._signed: dict[Any, list[tuple[int, Any]]] = {}
+        self._signed: dict[Index, list[tuple[int, Lanes]]] = {}
         for i in group.indices(group.spec.n_dof) if self._rows else ():
             group.state["push", i] = 0.0
 
-    def add(self, element: Element, force: Any) -> None:
+    def add(self, element: Element, force: Lanes) -> None:
         """Add the force of an element."""
         for i, sign, part in element.on_ends(force):
             if self._rows:
@@ -75,19 +73,19 @@ class Pushes:
             else:
                 self._signed.setdefault(i, []).append((sign, part))
 
-    def add_links(self, x: Any, y: Any) -> None:
+    def add_links(self, x: ByFloor, y: ByFloor) -> None:
         """Add the forces of all links, of displacements and velocities by floor or by name."""
         for link in self._group.iter_links(straight=not self._rows):
             self.add(link, link.force(x, y))
 
-    def on(self, dofs: Iterable[Any]) -> Sequence[Forces]:
+    def on(self, dofs: Iterable[Index]) -> Sequence[Forces]:
         """Return the forces on each of some degrees of freedom; none at all where there is no force."""
         if self._rows:
             return [[(1, self._group.state["push", i])] for i in dofs]
         return [self._signed.get(i, ()) for i in dofs] if self._signed else ()
 
 
-def powers(group: Group, part: Part, y: Sequence[Any], ground: Instant) -> list[tuple[Any, Any]]:
+def powers(group: Group, part: Part, y: Sequence[Lanes], ground: Instant) -> list[tuple[Lanes, Lanes]]:
     """Powers (kW) of the ground and of damping on each building, at the velocities y."""
     result = []
     for b, places, on_ground, elements in part.blocks:
@@ -100,27 +98,29 @@ def powers(group: Group, part: Part, y: Sequence[Any], ground: Instant) -> list[
     return result
 
 
-def kinetic(group: Group, b: Any, floors: list[Any]) -> Any:
+def kinetic(group: Group, b: Index, floors: list[Index]) -> Lanes:
     """v'Mv/2 of a building."""
     moving = group.part((b, floors)).dofs
     return reduce(add, [0.5 * group.prop("m", i) * group.state["v", i] * group.state["v", i] for i in moving])
 
 
-def strain(group: Group, b: Any, floors: list[Any], about_rest: bool = False) -> Any:
+def strain(group: Group, b: Index, floors: list[Index], about_rest: bool = False) -> Lanes:
     """u'Ku/2 of a building, of storeys that yield of their elastic parts, or about the drifts at which they rest."""
     dofs, (block,) = group.part((b, floors))
     u = [group.state["u", i] for i in dofs]
     return reduce(add, [element.stored(u, about_rest) for element in block.elements])
 
 
-def iter_powers(contact: Contact, force: Any, y: Any) -> Iterator[tuple[Any, Any]]:
+def iter_powers(contact: Contact, force: Lanes, y: ByFloor) -> Iterator[tuple[Index, Lanes]]:
     """Go through the buildings that a contact presses, and what each gives to it: power (kW) of a force (kN)."""
     # `y` are the floors' velocities, or the name of their rows; a building may come up more than once
     for floor, sign, pushed in contact.on_ends(force):
         yield contact.group.home_of(floor)[2], (-pushed if sign > 0 else pushed) * contact.group.floor(y, floor)
 
 
-def put_accelerations(group: Group, name: str, x: Any, y: Any, at: Instant | None = None, rates: bool = False) -> None:
+def put_accelerations(
+    group: Group, name: str, x: ByFloor, y: ByFloor, at: Instant | None = None, rates: bool = False
+) -> None:
     """Find accelerations of displacements x and velocities y without contacts, as `accelerations` does, in rows."""
     # x and y are names of rows or functions of floors; of `rates`, the accelerations' rates are found
     for part in group.iter_parts():
@@ -137,7 +137,7 @@ def add_forces(group: Group, name: str, forces: Any) -> None:
         _accelerate(group, name, contact, forces(contact) if callable(forces) else getattr(contact, forces))
 
 
-def _accelerate(group: Group, name: str, element: Element, force: Any) -> None:
+def _accelerate(group: Group, name: str, element: Element, force: Lanes) -> None:
     """Add what the force of an element does to accelerations in rows."""
     for i, sign, part in element.on_ends(force):
         group.state[name, i] = signed_sum([(1, group.state[name, i]), (sign, group.prop("im", i) * part)])

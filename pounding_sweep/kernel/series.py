@@ -17,10 +17,11 @@ import numpy as np
 
 from pounding_sweep.kernel import forces, hysteresis, links, march, transfers
 from pounding_sweep.kernel.forces import MAX_TRIES, OPEN, PRESSING, REBOUND, SLACK
-from pounding_sweep.kernel.group import Contact, Element, Group, Instant, Spring, StoreySpring
+from pounding_sweep.kernel.group import Contact, Element, Group, Spring, StoreySpring
 from pounding_sweep.kernel.peaks import followed, take_extremes
 from pounding_sweep.kernel.roots import NEVER, Series, newton, tangents, turn
 from pounding_sweep.kernel.row import Pushes, accelerations, iter_powers, powers
+from pounding_sweep.kernel.types import Index, Instant, Lanes, Truths
 from pounding_sweep.lanes import (
     Cell,
     Lookup,
@@ -63,7 +64,7 @@ HALVED = 0.5**HALVINGS
 PAST, SOONEST = -1.5, 1e-3
 
 
-def substep(group: Group, h: Any) -> None:
+def substep(group: Group, h: Lanes) -> None:
     """One sub-step of every lane that has some of its step of length h left: to the first event, at most."""
     march.look_ahead(group, h)
     s, spec = group.state, group.spec
@@ -105,7 +106,7 @@ def _expand_row(group: Group, contacts: bool) -> None:
         rises.now = 0.0
 
 
-def _expand_term(group: Group, contacts: bool, k: Any, ground: Instant, inverse: Lookup) -> None:
+def _expand_term(group: Group, contacts: bool, k: Index, ground: Instant, inverse: Lookup) -> None:
     """Find coefficient k + 1 of all floors from coefficient k of displacements, and of velocities in ``y``."""
     x, push = _Term(group, k), Pushes(group)
     for contact in group.iter_contacts(straight=True) if contacts else ():
@@ -126,7 +127,7 @@ def _expand_term(group: Group, contacts: bool, k: Any, ground: Instant, inverse:
 class _Term:
     """One coefficient of all floors."""
 
-    def __init__(self, group: Group, k: Any) -> None:
+    def __init__(self, group: Group, k: Index) -> None:
         #: Where rows of the coefficient begin.
         self.order, self.begin = k, k * group.spec.n_moving
         self._state = group.state
@@ -135,20 +136,20 @@ class _Term:
         #: Rows of the same coefficient of velocities, while coefficients are found.
         self.rates = "v0" if self.constant else "y"
 
-    def __getitem__(self, i: Any) -> Any:
+    def __getitem__(self, i: Index) -> Lanes:
         return self._state["taylor_u", i + self.begin]
 
 
 class _Coefficients:
     """Coefficients of a contact or a floor, in rows of the state."""
 
-    def __init__(self, group: Group, name: str, i: Any, many: int) -> None:
+    def __init__(self, group: Group, name: str, i: Index, many: int) -> None:
         self._state, self._name, self._i, self._many = group.state, name, i, many
 
-    def __getitem__(self, k: Any) -> Any:
+    def __getitem__(self, k: Index) -> Lanes:
         return self._state[self._name, self._i + k * self._many]
 
-    def __setitem__(self, k: Any, x: Any) -> None:
+    def __setitem__(self, k: Index, x: Lanes) -> None:
         self._state[self._name, self._i + k * self._many] = x
 
 
@@ -156,7 +157,7 @@ def _coefficients(contact: Contact, name: str) -> _Coefficients:
     return _Coefficients(contact.group, name, contact.index, len(contact.group.contacts))
 
 
-def _press(contact: Contact, k: Any, x: _Term) -> Any:
+def _press(contact: Contact, k: Index, x: _Term) -> Lanes:
     """Coefficient k of a contact's force, of the floors' motion `x`."""
     depths, d, w = _coefficients(contact, "taylor_pen"), contact.between(x), contact.between(x.rates)
     if x.constant:
@@ -176,7 +177,7 @@ def _press(contact: Contact, k: Any, x: _Term) -> Any:
     return f
 
 
-def _floor(group: Group, i: Any) -> Series:
+def _floor(group: Group, i: Index) -> Series:
     """Displacement of a floor."""
     return Series(_Coefficients(group, "taylor_u", i, group.spec.n_moving).__getitem__, group.spec.series)
 
@@ -190,7 +191,7 @@ def _depth(contact: Contact) -> Series:
     """Penetration of a contact."""
     group = contact.group
 
-    def read(k: int) -> Any:
+    def read(k: int) -> Lanes:
         return _stretched(contact, k) if k else _stretched(contact, k) - contact.gap
 
     return Series(read if group.spec.yielding else _coefficients(contact, "taylor_pen").__getitem__, group.spec.series)
@@ -203,7 +204,7 @@ def _force(contact: Contact) -> Series:
     return Series(read, contact.group.spec.series - 1)
 
 
-def _per(group: Group) -> Any:
+def _per(group: Group) -> Lanes:
     """Inverse of the length of the whole step, zero in lanes that wait."""
     span = group.state["span"]
     return where(span > 0.0, 1.0 / span, 0.0)
@@ -250,7 +251,7 @@ def _find_event(group: Group) -> None:
     s["land"] = where(s["fraction"] < 1.0, 1.0, 0.0)
 
 
-def _changes(group: Group) -> Iterator[tuple[Element | StoreySpring, list[Any], tuple[str, str]]]:
+def _changes(group: Group) -> Iterator[tuple[Element | StoreySpring, list[Index], tuple[str, str]]]:
     """Go through contacts and storeys: numbers of kinds of changes, and rows of when and to what one changes."""
     # of a contact, of its penetration's sign, and of that of its rate or its force
     for contact in group.iter_contacts():
@@ -261,7 +262,7 @@ def _changes(group: Group) -> Iterator[tuple[Element | StoreySpring, list[Any], 
         yield spring, list(chain(*_kinds(spring))), ("turn", "then")
 
 
-def _kinds(spring: StoreySpring) -> list[list[Any]]:
+def _kinds(spring: StoreySpring) -> list[list[Index]]:
     """Numbers of the changes of each gauge of a spring: its drift leaves a range above, below, turns; or a kink."""
     first, kinds, counts = spring.number + len(spring.group.contacts), count(), []
     for gauge in hysteresis.gauges(spring):
@@ -294,7 +295,7 @@ def _converge_floors(group: Group) -> None:
     s, n, order = group.state, group.spec.n_moving, group.spec.series
     share = LEFT_OUT_YIELDING[group.spec.precision]
 
-    def terms() -> Iterator[tuple[Any, Any]]:
+    def terms() -> Iterator[tuple[Lanes, Lanes]]:
         for i in group.indices(n, straight=False):
             # the fourth of them too: a floor at rest begins with the ground's ramp
             first = reduce(maximum, [size(s["taylor_u", i + k * n]) for k in range(4)])
@@ -323,7 +324,9 @@ class _Choice:
         for row in ("bends", *(["event_row"] if group.spec.flowing else [])):
             group.state[row] = group.full(0.0)
 
-    def propose(self, number: Any, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
+    def propose(
+        self, number: Index, lanes: Truths, sign: Lanes, series: Series, target: Lanes, leans: Truths = None
+    ) -> None:
         """Consider that sign times a series turns positive, by the end or before; where it `leans`, if it rises yet."""
         group, s, end = self.group, self.group.state, self.group.state["fraction"]
         e0, r0, e1, r1 = (sign * x for x in (series.read(0), series.read(1), *series.with_slope(end)))
@@ -362,7 +365,7 @@ class _Choice:
             s["bends"] = where(better, where(hops, -1.0, where(rises, 1.0, 0.0)), s["bends"])
 
 
-def _choose(group: Group, asks: Any) -> _Choice:
+def _choose(group: Group, asks: Truths) -> _Choice:
     """Find what may change first before ``fraction``, in lanes that ask."""
     s, choice, per = group.state, _Choice(group), _per(group)
     for contact in group.iter_contacts():
@@ -385,13 +388,13 @@ def _choose(group: Group, asks: Any) -> _Choice:
     return choice
 
 
-def _propose_contact(contact: Contact, choice: _Choice, asks: Any, per: Any) -> None:
+def _propose_contact(contact: Contact, choice: _Choice, asks: Truths, per: Lanes) -> None:
     """Consider the changes of a contact's mode, in lanes that ask."""
     group, law, depth, mode = contact.group, contact.law, _depth(contact), contact.mode
     s = group.state
     closed, pressing = mode > OPEN, mode == PRESSING
 
-    def propose(kind: int, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
+    def propose(kind: int, lanes: Truths, sign: Lanes, series: Series, target: Lanes, leans: Truths = None) -> None:
         number = group.change(contact.index, kind)
         is_next = (contact.next == target) & ~(contact.event > s["fraction"])
         lanes = lanes & ~is_next & ~(s["ruled_out", number] > 0.0)
@@ -408,7 +411,7 @@ def _propose_contact(contact: Contact, choice: _Choice, asks: Any, per: Any) -> 
     if law.shape.clips:
         k, c = contact.k_law, contact.c_law * per
 
-        def press(n: int) -> Any:  # what the sign of a force follows: k d + c d', or k d + c d d' without d
+        def press(n: int) -> Lanes:  # what the sign of a force follows: k d + c d', or k d + c d d' without d
             damped, product = c * depth.rate.read(n), law.shape.is_product
             if n:
                 return damped if product else fma(k, depth.read(n), damped)
@@ -420,32 +423,32 @@ def _propose_contact(contact: Contact, choice: _Choice, asks: Any, per: Any) -> 
         propose(1, asks & closed & (c > 0.0), toward, Series(press, depth.order - 1), target)
 
 
-def _stretched(element: Element, k: int) -> Any:
+def _stretched(element: Element, k: int) -> Lanes:
     """Coefficient k of the stretch of an element."""
     return element.between(_Term(element.group, k))
 
 
-def _drift(storey: StoreySpring, first: Any, sign: Any) -> Series:
+def _drift(storey: StoreySpring, first: Lanes, sign: Lanes) -> Series:
     """Sign times the drift of a storey, its first coefficient given."""
     group = storey.group
     return Series(lambda k: sign * storey.drift(_Term(group, k)) if k else first, group.spec.series)
 
 
-def _hull(group: Group, x0: Any, x1: Any, v0: Any, v1: Any) -> tuple[Any, Any]:
+def _hull(group: Group, x0: Lanes, x1: Lanes, v0: Lanes, v1: Lanes) -> tuple[Lanes, Lanes]:
     """Bounds of a motion up to ``fraction``, as far as it is a cubic: those of the hull of its ends and tangents."""
     third = (1.0 / 3.0) * (group.state["span"] * group.state["fraction"])
     early, late = fma(third, v0, x0), fma(-third, v1, x1)
     return maximum(x1, maximum(early, late)), minimum(x1, minimum(early, late))
 
 
-def _propose_ends(spring: StoreySpring, gauge: DriftGauge, kinds: list[Any], choice: _Choice, asks: Any) -> None:
+def _propose_ends(spring: StoreySpring, gauge: DriftGauge, kinds: list[Index], choice: _Choice, asks: Truths) -> None:
     """Consider that a drift leaves the range of its branch, or turns back, before ``fraction``, in lanes that ask."""
     group, s, end = spring.group, spring.group.state, spring.group.state["fraction"]
     above, below, turned = kinds
     (d0, d1, v0, v1), more = spring.ends(), hysteresis.margin(spring, gauge, group.limit.same_time)
     ends_step, high, low = ~(spring.turn > end), gauge.high + more, gauge.low - more
 
-    def is_next(phase: Any) -> Any:  # by an event that ends the step as it is
+    def is_next(phase: Lanes) -> Truths:  # by an event that ends the step as it is
         return ends_step & (spring.then == phase)
 
     ranged = asks & gauge.ranged
@@ -483,7 +486,7 @@ def _propose_ends(spring: StoreySpring, gauge: DriftGauge, kinds: list[Any], cho
             choice.propose(real(turned), turns, -gauge.way, rate, gauge.turned)
 
 
-def _propose_kink(spring: StoreySpring, gauge: SignGauge, number: Any, choice: _Choice, asks: Any) -> None:
+def _propose_kink(spring: StoreySpring, gauge: SignGauge, number: Index, choice: _Choice, asks: Truths) -> None:
     """Consider that a quantity changes its sign before ``fraction``, in lanes that ask."""
     s = spring.group.state
     start, end = gauge.sign * gauge.start, gauge.sign * gauge.end
@@ -516,7 +519,7 @@ def _gather_kinks(group: Group) -> None:
         s.put(lanes, 0.0, "event_poly", group.spec.series)
 
 
-def _locate(group: Group, lanes: Any) -> None:
+def _locate(group: Group, lanes: Truths) -> None:
     """Find when the chosen event happens; one that does not is ruled out."""
     s = group.state
     polynomial, end, bends = Series(lambda k: s["event_poly", k], group.spec.series), s["fraction"], s["bends"]
@@ -558,13 +561,13 @@ def _take_contacts(group: Group) -> None:
                     setattr(contact, most, maximum(getattr(contact, most), _largest(group, closed, series)))
 
 
-def _largest(group: Group, lanes: Any, series: Series) -> Any:
+def _largest(group: Group, lanes: Truths, series: Series) -> Lanes:
     """Return the largest value of a series in the step, in some lanes; 0 or more."""
     t, r0 = group.state["fraction"], series.read(1)
     x1, r1 = series.with_slope(t)
     most = Cell(where(lanes, maximum(maximum(series.read(0), x1), 0.0), 0.0))
 
-    def take(turns: Any, start: Any, end: Any) -> None:
+    def take(turns: Truths, start: Lanes, end: Lanes) -> None:
         at = newton(group, turns, start, end, series.rate, -1.0)  # a force may turn soon after a touch
         most.now = maximum(most.now, where(turns, series.value(at), 0.0))
 
@@ -580,7 +583,7 @@ def _largest(group: Group, lanes: Any, series: Series) -> Any:
     return most.now
 
 
-def _turns_twice(group: Group, series: Series) -> Any:
+def _turns_twice(group: Group, series: Series) -> Truths:
     """Lanes in which a series may turn twice in the step, beside other contacts: by tangents of its rate at thirds."""
     r0, early, late, r1 = tangents(series.rate, group.state["fraction"])
     return (r0 * r1 > 0.0) & (minimum(r0 * early, r0 * late) < 0.0)
@@ -611,7 +614,7 @@ def _take_turns(group: Group) -> None:
                 take_extremes(group, motion, asks, (x0, x0, x1))
 
 
-def _parts(group: Group) -> Iterator[tuple[Any, Any]]:
+def _parts(group: Group) -> Iterator[tuple[Lanes, Lanes]]:
     """Go through the parts of the step: start and end."""
     for q in count_to(PARTS):
         start, end = ((1.0 / PARTS) * real(number) * group.state["fraction"] for number in (q, q + 1))
@@ -667,7 +670,7 @@ def _integrate(group: Group) -> None:
         transfers.by_series(group, NODES[group.spec.precision], (_force_at, _velocity))
 
 
-def _force_at(contact: Contact, t: Any) -> Any:
+def _force_at(contact: Contact, t: Lanes) -> Lanes:
     """Force of a contact at a part t of the whole step."""
     group = contact.group
     closed, force = contact.mode > OPEN, group.cell(0.0)
@@ -676,12 +679,12 @@ def _force_at(contact: Contact, t: Any) -> Any:
     return force.now
 
 
-def _velocity(group: Group, t: Any) -> Callable[[Any], Any]:
+def _velocity(group: Group, t: Lanes) -> Callable[[Index], Lanes]:
     """Return what gives velocities of floors at a part t of the whole step."""
     return lambda i: _floor(group, i).rate.value(t) * _per(group)
 
 
-def _take_size(group: Group, name: str, i: Any, x: Series) -> None:
+def _take_size(group: Group, name: str, i: Index, x: Series) -> None:
     """Take the largest absolute value of a series over the step."""
     s, moves = group.state, group.state["span"] > 0.0
     most = Cell(where(moves, size(x.read(0)), 0.0))
@@ -699,7 +702,7 @@ def _take_links(group: Group) -> None:
     for link in group.iter_links():
         stretch, per = Series(partial(_stretched, link), group.spec.series), _per(group)
 
-        def pull(n: int, link: Spring = link, stretch: Series = stretch, per: Any = per) -> Any:
+        def pull(n: int, link: Spring = link, stretch: Series = stretch, per: Lanes = per) -> Lanes:
             return fma(link.damping * per, stretch.rate.read(n), link.stiffness * stretch.read(n))
 
         _take_size(group, "link_force", link.index, Series(pull, group.spec.series - 1))
@@ -711,7 +714,7 @@ def _take_accelerations(group: Group) -> None:
     for i in group.indices(group.spec.n_dof, straight=False):
         bend, b = _floor(group, i).rate.rate, group.home_of(i)[2]
 
-        def total(k: int, bend: Series = bend, b: Any = b) -> Any:
+        def total(k: int, bend: Series = bend, b: Index = b) -> Lanes:
             coefficient = bend.read(k) * (per * per)
             return coefficient + (group.ground.at(0.0), group.ground.rise)[k](b) if k < 2 else coefficient
 

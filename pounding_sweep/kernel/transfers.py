@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from pounding_sweep.kernel.group import Contact, Group
 from pounding_sweep.kernel.peaks import cubic_turns, moved
 from pounding_sweep.kernel.roots import cubic, root
 from pounding_sweep.kernel.row import iter_powers
+from pounding_sweep.kernel.types import Index, Lanes, Truths
 from pounding_sweep.lanes import Cell, Lookup, count_to, fma, maximum, minimum, size, when_any, where
 
 #: Gauss points between the start of a sub-step that was tried and an extreme.
@@ -28,7 +28,7 @@ AGAINST = 1e-4
 #: Room for what Gauss points miss of the integral of a power's size.
 MARGIN = 1.5
 #: Force of a contact, and velocities of floors, at a part of a sub-step.
-Course = tuple[Callable[[Contact, Any], Any], Callable[[Group, Any], Any]]
+Course = tuple[Callable[[Contact, Lanes], Lanes], Callable[[Group, Lanes], Callable[[Index], Lanes]]]
 #: Those of a sub-step that was tried.
 TRIED: Course = force_at, partial(moved, velocities=True)
 
@@ -47,12 +47,12 @@ def jumped(group: Group) -> None:
         _take(group, b, group.state["now", b])
 
 
-def _take(group: Group, b: Any, energy: Any) -> None:
+def _take(group: Group, b: Index, energy: Lanes) -> None:
     s = group.state
     s["tmax", b], s["tmin", b] = maximum(s["tmax", b], energy), minimum(s["tmin", b], energy)
 
 
-def substep(group: Group, accepted: Any) -> None:
+def substep(group: Group, accepted: Truths) -> None:
     """Add what buildings gave over the sub-step that some lanes have taken, and take its extremes."""
     s, h, implicit = group.state, group.state["h"], group.spec.implicit
     closed = accepted & is_closed(group)
@@ -76,7 +76,7 @@ def substep(group: Group, accepted: Any) -> None:
                     _take(group, b, where(turns, e0 + h * _mean_power(group, b, at, NODES, TRIED), e1))
 
 
-def _find_ends(group: Group, forces_of: Callable[[Contact], Any]) -> None:
+def _find_ends(group: Group, forces_of: Callable[[Contact], Lanes]) -> None:
     """Find the powers that buildings give at both ends of a sub-step, by forces of contacts there."""
     s = group.state
     for b in group.indices(group.spec.n_buildings):
@@ -87,7 +87,7 @@ def _find_ends(group: Group, forces_of: Callable[[Contact], Any]) -> None:
                 s[row, b] += power
 
 
-def _mean_power(group: Group, b: Any, t: Any, nodes: int, course: Course) -> Any:
+def _mean_power(group: Group, b: Index, t: Lanes, nodes: int, course: Course) -> Lanes:
     """Mean power of a building from the start of the sub-step until a part t of it, times t (Gauss & Legendre)."""
     at, weights = np.polynomial.legendre.leggauss(nodes)
     table, total = Lookup([*(0.5 + 0.5 * at), *(0.5 * weights)]), group.cell(0.0)
@@ -96,7 +96,7 @@ def _mean_power(group: Group, b: Any, t: Any, nodes: int, course: Course) -> Any
     return t * total.now
 
 
-def _power(group: Group, b: Any, t: Any, course: Course) -> Any:
+def _power(group: Group, b: Index, t: Lanes, course: Course) -> Lanes:
     """Power that a building gives at a part t of the sub-step."""
     s, (force, velocities) = group.state, course
     v = velocities(group, t)
@@ -133,7 +133,7 @@ def by_series(group: Group, nodes: int, course: Course) -> None:
                 _take_turns(group, b, turning, nodes, course)
 
 
-def _take_turns(group: Group, b: Any, lanes: Any, nodes: int, course: Course) -> None:
+def _take_turns(group: Group, b: Index, lanes: Truths, nodes: int, course: Course) -> None:
     """Take the transfers of a building at which its power changes its sign, in some lanes."""
     s, end, power = group.state, group.state["fraction"], partial(_power, group, b, course=course)
     table = Lookup([*(0.5 - 0.5 * np.cos(np.pi * np.arange(1, PARTS + 1) / PARTS))])

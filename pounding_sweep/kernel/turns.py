@@ -17,6 +17,7 @@ from pounding_sweep.kernel.flight import Flight
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.peaks import samples
 from pounding_sweep.kernel.spec import LANES
+from pounding_sweep.kernel.types import Index, Lanes, Note, Truths
 from pounding_sweep.lanes import (
     Cell,
     Rows,
@@ -64,10 +65,10 @@ class Turns:
     course: Course
     inputs: Rows  # of `LANES` scenarios, one block after another
     results: Rows  # the same
-    count: Any  # scenarios in all
-    persistent: Any  # rows of the state that a step leaves to the next
-    short: Any  # short steps in one of flight's grid
-    note: Callable[[Any], None] | None  # keeps the motion after so many short steps, of one scenario, in lane 0
+    count: Index  # scenarios in all
+    persistent: Index  # rows of the state that a step leaves to the next
+    short: Index  # short steps in one of flight's grid
+    note: Note  # keeps the motion after so many short steps, of one scenario, in lane 0
 
     def serve(self) -> None:
         """Give the lanes that leave their scenarios others."""
@@ -78,7 +79,7 @@ class Turns:
             for _ in once_if(self._takes_next(lane)):
                 course.left.put_lane(lane, real(self.short))
 
-    def _takes_next(self, lane: Any) -> Any:
+    def _takes_next(self, lane: Index) -> Truths:
         """Let the next scenario begin in a lane; returns whether there is one."""
         has = self.course.next.now < self.count
         for _ in once_if(has):
@@ -87,7 +88,7 @@ class Turns:
             self.course.busy.put_lane(lane, 0.0)
         return has
 
-    def _finish(self, lane: Any) -> None:
+    def _finish(self, lane: Index) -> None:
         """Keep the results of the scenario of a lane, which is at its end."""
         at, end = self.course.at.lane(lane), self.ground.record * self.ground.steps
         for _ in once_if(at < end) if self.group.spec.falling else ():
@@ -96,18 +97,18 @@ class Turns:
         for row, place, column in self._scenario_rows(self.results, self.course.scenario.lane(lane)):
             self.results.put_lane(place, column, self.group.state.lane(row, lane))
 
-    def _only(self, lane: Any) -> Any:
+    def _only(self, lane: Index) -> Truths:
         """Return one lane as a mask."""
         return side_by_side(self.group.trace, range(self.group.lanes)) == real(lane)
 
-    def _scenario_rows(self, rows: Rows, number: Any) -> Iterator[tuple[Any, Any, Any]]:
+    def _scenario_rows(self, rows: Rows, number: Index) -> Iterator[tuple[Index, Index, Index]]:
         """Go through the rows of a scenario: the row of the state, its own, and its lane."""
         block, first = number // LANES, self.group.state.first
         for name, n in rows.count.items():
             for i in count_to(n) if n > 8 else range(n):
                 yield first[name] + i, block * rows.size + rows.first[name] + i, number - block * LANES
 
-    def _begin(self, lane: Any) -> None:
+    def _begin(self, lane: Index) -> None:
         """Let the next scenario begin in a lane."""
         group, course, number = self.group, self.course, self.course.next.now
         for row in count_to(self.persistent):
@@ -127,7 +128,7 @@ class Turns:
 class Flights(Turns):
     """Turns of scenarios that fly from lane to lane: nothing in it depends on the contact law."""
 
-    def __init__(self, flight: Flight, fill: Callable[[], None], stops: Any, *turns: Any) -> None:
+    def __init__(self, flight: Flight, fill: Callable[[], None], stops: Index, *turns: Any) -> None:
         super().__init__(*turns)
         # `fill` fills flight's tables; `stops` are the points or blocks that these have
         self.flight, self._fill, self._stops = flight, fill, stops
@@ -171,7 +172,7 @@ class Flights(Turns):
                         for _ in once_if(not_(over)):
                             self._leave(lane, at)
 
-    def _leave(self, lane: Any, point: Any) -> None:
+    def _leave(self, lane: Index, point: Index) -> None:
         """Take the scenario of a lane into flight, by the tables of its row of buildings, as far as the ground goes."""
         s, number, flight, inputs = self.group.state, self.course.scenario.lane(lane), self.flight, self.inputs
         last, ground = self.course.last.lane(lane) // self.short, self.ground
@@ -189,14 +190,12 @@ class Flights(Turns):
         flight.at.now = point
         flight.to_modes(lane, point)
 
-    def _begin(self, lane: Any) -> None:
+    def _begin(self, lane: Index) -> None:
         super()._begin(lane)
         self._leave(lane, constant(0))
 
 
-def run_scenarios(
-    group: Group, ground: Any, serve: Callable[[], None], course: Course, note: Callable[[Any], None] | None
-) -> None:
+def run_scenarios(group: Group, ground: Any, serve: Callable[[], None], course: Course, note: Note) -> None:
     """Take all scenarios of a kernel call over the record, through the lanes of one group."""
     # short steps in one of flight's grid, and in all
     s, short, last = group.state, ground.steps // ground.substeps, ground.intervals * ground.steps
@@ -204,7 +203,7 @@ def run_scenarios(
     group.number = lambda: course.at.now
     more = Cell(True)
 
-    def ground_at(places: Any) -> Any:
+    def ground_at(places: Index) -> Lanes:
         safe = where(places < last, places, places * 0 + last)  # an idle lane may be at its end
         numbers = [track.number(lane_of(safe, lane)) for lane in range(group.lanes)]
         return s["scale"] * side_by_side(group.trace, numbers)

@@ -11,6 +11,7 @@ import numpy as np
 
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.march import FixedSteps
+from pounding_sweep.kernel.types import Lanes, Note, Truths
 from pounding_sweep.model.scene import Scene
 
 #: By what an error is taken for larger than it is by the order of a scheme.
@@ -64,7 +65,7 @@ class Scheme(ABC):
         """Relative error of a free vibration's phase and size at steps of `x` rad."""
 
     @abstractmethod
-    def flight(self, group: Group, h: Any) -> Callable[[], None]:
+    def flight(self, group: Group, h: Lanes) -> Callable[[], None]:
         """Take a step of all lanes without contact; returns what adds its energies."""
 
     @abstractmethod
@@ -72,9 +73,9 @@ class Scheme(ABC):
         """Try a sub-step of every lane's own length, contacts in frozen modes; returns what adds its energies."""
 
     @abstractmethod
-    def plain(self, group: Group, h: Any) -> Callable[[], None]:
+    def plain(self, group: Group, h: Lanes) -> Callable[[], None]:
         """Take a step of all lanes whose contacts follow from the present state alone; returns what adds energies."""
 
-    def march(self, group: Group, ground: Any, note: Any, leave: Callable[[Any], None]) -> None:
+    def march(self, group: Group, ground: Any, note: Note, leave: Callable[[Truths], None]) -> None:
         """Take a lane group over the record; `note` is told of each row of a history, `leave` of lanes at their end."""
         FixedSteps(group, ground, note, leave).run()

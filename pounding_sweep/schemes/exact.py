@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from pounding_sweep.kernel.group import BENDS, Group
+from pounding_sweep.kernel.types import Index, Lanes
 from pounding_sweep.lanes import fma
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import coupled_modes, variants_of
@@ -82,14 +82,14 @@ class Exact(Explicit):
         """By the radii of `Rk4`: sub-steps of the stages are as short as theirs ask anyhow, series have none."""
         return Rk4().stability_limit(w2, rate, beta, gamma)
 
-    def after(self, stage: int, u: Any, v: Any, x: Any, a: Sequence[Any], h: Any) -> tuple[Any, Any]:
+    def after(self, stage: int, u: Lanes, v: Lanes, x: Lanes, a: Sequence[Lanes], h: Lanes) -> tuple[Lanes, Lanes]:
         """State that each stage leads to."""
         del x
         moved, sped = _mean(TWICE[stage], a), _mean(STAGES[stage], a)
         start = fma(h if stage == len(self.nodes) else h * self.nodes[stage][0], v, u)
         return start if moved is None else fma(h * h, moved, start), fma(h, sped, v)
 
-    def keep(self, group: Group, i: Any, a: Sequence[Any]) -> None:
+    def keep(self, group: Group, i: Index, a: Sequence[Lanes]) -> None:
         """Keep the quintic of a floor's motion through displacement, velocity and acceleration at both ends."""
         super().keep(group, i, a)
         for name, shares in zip(BENDS, QUINTIC, strict=True) if group.spec.staged else ():
@@ -106,9 +106,9 @@ class Exact(Explicit):
         return f"flies in modes, and those of this row's dashpots and links lose {error:.1g} of a motion in {precision}"
 
 
-def _mean(shares: Sequence[float], a: Sequence[Any]) -> Any:
+def _mean(shares: Sequence[float], a: Sequence[Lanes]) -> Lanes:
     """Sum of accelerations by their shares; None of none."""
-    total: Any = None
+    total: Lanes = None
     for share, acceleration in zip(shares, a, strict=False):
         if share:
             total = share * acceleration if total is None else fma(share, acceleration, total)

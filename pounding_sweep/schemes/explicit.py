@@ -14,11 +14,12 @@ from pounding_sweep.kernel import hysteresis, impulse, links
 from pounding_sweep.kernel.group import Contact, Group, Part
 from pounding_sweep.kernel.march import keep_start
 from pounding_sweep.kernel.row import Pushes, accelerations, iter_powers, powers
+from pounding_sweep.kernel.types import ByFloor, Index, Lanes
 from pounding_sweep.lanes import any_lane, fma, once_if
 from pounding_sweep.schemes.base import Scheme
 
 #: Force of a contact (of displacements, velocities), these by floor or by the name of their rows.
-Press = Callable[[Any, Any, Any], Any]
+Press = Callable[[Contact, ByFloor, ByFloor], Lanes]
 
 
 class Explicit(Scheme):
@@ -33,11 +34,11 @@ class Explicit(Scheme):
     nodes: tuple[tuple[float, float], ...]
 
     @abstractmethod
-    def after(self, stage: int, u: Any, v: Any, x: Any, a: Sequence[Any], h: Any) -> tuple[Any, Any]:
+    def after(self, stage: int, u: Lanes, v: Lanes, x: Lanes, a: Sequence[Lanes], h: Lanes) -> tuple[Lanes, Lanes]:
         """Displacement and velocity of a floor after a stage (from 1): of the next one, at last of the end."""
         # `u` and `v` are the start, `x` is the displacement of this stage, `a` the accelerations up to it
 
-    def keep(self, group: Group, i: Any, a: Sequence[Any]) -> None:
+    def keep(self, group: Group, i: Index, a: Sequence[Lanes]) -> None:
         """Keep what a sub-step asks of the accelerations of floor i in its stages."""
         group.state["a0", i] = a[0]
 
@@ -48,7 +49,7 @@ class Explicit(Scheme):
         return np.asarray(np.where(rate > 0.0, self.damped_radius, self.undamped_radius) / fastest)
 
     def step(
-        self, group: Group, h: Any, part: Part | None = None, press: Press | None = None, joins: bool = False
+        self, group: Group, h: Lanes, part: Part | None = None, press: Press | None = None, joins: bool = False
     ) -> Any:
         """Step stage by stage from ``u0`` and ``v0`` to ``u`` and ``v``; returns where these lie, and sums over stages.
 
@@ -63,7 +64,7 @@ class Explicit(Scheme):
         floors = [] if part is None else part.dofs
         m: Any = s if rows else {(name, p): s[name, i] for p, i in enumerate(floors) for name in ("u0", "v0")}
 
-        def every() -> Iterable[Any]:
+        def every() -> Iterable[Index]:
             return group.indices(spec.n_dof) if rows else range(len(floors))
 
         for i in every():
@@ -77,11 +78,11 @@ class Explicit(Scheme):
             if flow is not None:
                 flow.set_stage(x, y, weight)
 
-            def add(name: str, k: Any, value: Any, number: int = number, weight: float = weight) -> None:
+            def add(name: str, k: Index, value: Lanes, number: int = number, weight: float = weight) -> None:
                 value = weight * value
                 m[name, k] = value if number == 1 else m[name, k] + value
 
-            def count(contact: Contact, force: Any, y: Any = y, weight: float = weight, add: Any = add) -> None:
+            def count(contact: Contact, force: Lanes, y: ByFloor = y, weight: float = weight, add: Any = add) -> None:
                 if "impulse" in requested:
                     add("dimpulse", contact.index, force)
                 for b, power in iter_powers(contact, force, y) if "transfer" in requested else ():
@@ -122,7 +123,7 @@ class Explicit(Scheme):
             m |= {("travel", i): x for i, x in flow.dissipated.items()}
         return m
 
-    def flight(self, group: Group, h: Any) -> Callable[[], None]:
+    def flight(self, group: Group, h: Lanes) -> Callable[[], None]:
         """Take a step of all lanes without contact."""
         if not group.looped or group.spec.links:  # the row moves as one
             return self._take(group, h)
@@ -137,16 +138,16 @@ class Explicit(Scheme):
                 s[name, b] = m[name, 0]
         return partial(_add_sums, group, s, touching=False)
 
-    def plain(self, group: Group, h: Any) -> Callable[[], None]:
+    def plain(self, group: Group, h: Lanes) -> Callable[[], None]:
         """Take a step of all lanes whose contacts follow from the present state alone."""
 
-        def press(contact: Contact, x: Any, y: Any) -> Any:
+        def press(contact: Contact, x: ByFloor, y: ByFloor) -> Lanes:
             d, law = contact.between(x) - contact.gap, contact.law
             return law.memoryless(contact.stiffness, contact.c, contact.fastest, d, contact.between(y))
 
         return self._take(group, h, press)
 
-    def _take(self, group: Group, h: Any, press: Press | None = None) -> Callable[[], None]:
+    def _take(self, group: Group, h: Lanes, press: Press | None = None) -> Callable[[], None]:
         """Take a step of the whole row."""
         keep_start(group)
         m = self.step(group, h, _row(group), press)
@@ -157,14 +158,14 @@ class Explicit(Scheme):
         """Try a sub-step of every lane's own length, modes frozen."""
         s = group.state
 
-        def read(contact: Contact) -> tuple[Any, Any, Any]:
+        def read(contact: Contact) -> tuple[Lanes, Lanes, Lanes]:
             return contact.k_active, contact.c_active, contact.gap
 
         # of a short row once for all stages
         constants = {} if group.looped else {c.index: read(c) for c in group.iter_contacts(straight=True)}
         presses = {j: any_lane(~(k == 0.0) | ~(c == 0.0)) for j, (k, c, _) in constants.items()}
 
-        def press(contact: Contact, x: Any, y: Any) -> Any:
+        def press(contact: Contact, x: ByFloor, y: ByFloor) -> Lanes:
             force, (k, c, gap) = group.cell(0.0), constants[contact.index] if constants else read(contact)
             for _ in once_if(presses[contact.index]) if constants else (None,):
                 d, v = contact.between(x) - gap, contact.between(y)
@@ -237,7 +238,7 @@ class Rk4(Explicit):
         """Of the classical method."""
         return np.hypot(x**4 / 120.0, x**5 / 144.0)
 
-    def after(self, stage: int, u: Any, v: Any, x: Any, a: Sequence[Any], h: Any) -> tuple[Any, Any]:
+    def after(self, stage: int, u: Lanes, v: Lanes, x: Lanes, a: Sequence[Lanes], h: Lanes) -> tuple[Lanes, Lanes]:
         """State that each stage leads to."""
         half = 0.5 * h
         if stage == 1:
@@ -278,7 +279,7 @@ class CentralDifference(Explicit):
         """Of free vibration, whose size is kept."""
         return x * x / 24.0
 
-    def after(self, stage: int, u: Any, v: Any, x: Any, a: Sequence[Any], h: Any) -> tuple[Any, Any]:
+    def after(self, stage: int, u: Lanes, v: Lanes, x: Lanes, a: Sequence[Lanes], h: Lanes) -> tuple[Lanes, Lanes]:
         """State that each stage leads to."""
         half = 0.5 * h
         if stage == 1:

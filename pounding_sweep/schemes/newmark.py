@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -40,6 +39,7 @@ from pounding_sweep.kernel.row import (
     powers,
     put_accelerations,
 )
+from pounding_sweep.kernel.types import Index, Lanes, Truths
 from pounding_sweep.lanes import Cell, constant, fma, maximum, minimum, size, when_any, where, while_any
 from pounding_sweep.schemes.base import Scheme
 
@@ -48,10 +48,10 @@ MAX_SWEEPS = 500
 #: Product of sub-step and contact rate beyond which the contact's end force acts over all of the sub-step.
 STIFF_RATE = 2.0
 #: Floors that a contact acts on at one of its sides, and the share of each (None: all).
-Floors = list[tuple[Any, Any]]
+Floors = list[tuple[Index, Lanes]]
 
 
-def _solve_row(group: Group, part: Part, be: Any, ga: Any, right: Sequence[Any]) -> list[Any]:
+def _solve_row(group: Group, part: Part, be: Lanes, ga: Lanes, right: Sequence[Lanes]) -> list[Lanes]:
     """Return (M + ga C + be K)^-1 `right` of buildings that move as one."""
     # Floors are eliminated in the order in which they have the fewest others left beside them, which is known when the
     # kernel is written.
@@ -77,25 +77,25 @@ def _solve_row(group: Group, part: Part, be: Any, ga: Any, right: Sequence[Any])
     return x
 
 
-def _matrix(group: Group, part: Part, be: Any, ga: Any) -> tuple[list[Any], list[dict[int, Any]]]:
+def _matrix(group: Group, part: Part, be: Lanes, ga: Lanes) -> tuple[list[Lanes], list[dict[int, Lanes]]]:
     """Return M + ga C + be K: its diagonal, and what lies beside it."""
-    terms: dict[tuple[int, int], list[tuple[int, Any]]] = {}
+    terms: dict[tuple[int, int], list[tuple[int, Lanes]]] = {}
     links = list(group.iter_links(straight=True)) if group.spec.solves_row else []
     for element in [*(element for block in part.blocks for element in block.elements), *links]:
         for p, q, sign, entry in element.entries(be, ga):
             terms.setdefault((min(p, q), max(p, q)), []).append((sign, entry))
-    diagonal: list[Any] = [None] * len(part.dofs)
+    diagonal: list[Lanes] = [None] * len(part.dofs)
     for b, places, on_ground, _ in part.blocks:
         for p in places:
             m, stiff = group.prop("m", part.dofs[p]), signed_sum(terms.pop((p, p)))
             diagonal[p] = (fma(m, ga * group.prop("alpha", b), m) if on_ground else m) + stiff
-    coupling: list[dict[int, Any]] = [{} for _ in part.dofs]
+    coupling: list[dict[int, Lanes]] = [{} for _ in part.dofs]
     for (p, q), values in terms.items():
         coupling[p][q] = coupling[q][p] = signed_sum(values)
     return diagonal, coupling
 
 
-def _sides(contact: Contact) -> list[tuple[Any, Floors, float]]:
+def _sides(contact: Contact) -> list[tuple[Index, Floors, float]]:
     """Sides of a contact that move: where their responses begin, the floors, the sign of the force on them."""
     group = contact.group
     if group.spec.solves_row:  # both are of one whole, whose response is to the push on both
@@ -107,12 +107,12 @@ def _sides(contact: Contact) -> list[tuple[Any, Floors, float]]:
     return [((contact.index * 2 + side) * most, floors, sign) for side, (floors, sign) in signed if floors]
 
 
-def _moving_floors(group: Group, floor: Any) -> tuple[Any, Any]:
+def _moving_floors(group: Group, floor: Index) -> tuple[Index, Index]:
     """First floor and number of floors of what moves as one with a floor in a step."""
     return (0, group.spec.n_moving) if group.spec.solves_row else group.home_of(floor)[:2]
 
 
-def _keep_compliance(group: Group, first: Any, floors: Floors, be: Any, ga: Any) -> None:
+def _keep_compliance(group: Group, first: Index, floors: Floors, be: Lanes, ga: Lanes) -> None:
     """Keep the acceleration of every floor of a building for a unit force on some at the end of a Newmark step."""
     s = group.state
     if group.spec.solves_row:
@@ -124,10 +124,10 @@ def _keep_compliance(group: Group, first: Any, floors: Floors, be: Any, ga: Any)
         return
     home, storeys, b = group.home_of(floors[0][0])
 
-    def stiffness(i: Any) -> Any:
+    def stiffness(i: Index) -> Lanes:
         return Storey(group, i, (), building=b).resistance(be, ga)
 
-    def ahead(p: Any) -> tuple[Any, Any]:
+    def ahead(p: Index) -> tuple[Lanes, Lanes]:
         i, top, above = home + p, p + 1 == storeys, 0.0
         if not isinstance(top, bool):
             above = where(top, group.full(0.0), group.full(stiffness(where(top, i, i + 1))))
@@ -156,13 +156,15 @@ def _keep_compliance(group: Group, first: Any, floors: Floors, be: Any, ga: Any)
         s["response", first + p] = x / s["diagonal", p]
 
 
-def _solve(group: Group, asks: Any, d: Any, v: Any, share: tuple[Any, Any], law: Callable[[Any, Any], Any]) -> Any:
+def _solve(
+    group: Group, asks: Truths, d: Lanes, v: Lanes, share: tuple[Lanes, Lanes], law: Callable[[Lanes, Lanes], Lanes]
+) -> Lanes:
     """Force F with F = law(d - bg F, v - gg F), in the lanes that ask."""
     bg, gg = share
     f0 = law(d, v)
     asks = asks & ~(f0 == 0.0)
 
-    def miss(force: Any) -> Any:
+    def miss(force: Lanes) -> Lanes:
         return law(d - bg * force, v - gg * force) - force
 
     lo, glo, hi = group.cell(0.0), Cell(f0), Cell(f0)
@@ -192,7 +194,11 @@ def _solve(group: Group, asks: Any, d: Any, v: Any, share: tuple[Any, Any], law:
 
 
 def _iterate(
-    group: Group, live: Any, share: Any, ends: tuple[Any, Any], update: Callable[[Contact, Any], tuple[Any, Any]]
+    group: Group,
+    live: Truths,
+    share: Lanes,
+    ends: tuple[Lanes, Lanes],
+    update: Callable[[Contact, Truths], tuple[Lanes, Lanes]],
 ) -> None:
     """Sweep over the contacts until their forces, new and changed by `update`, move the end of the step no more."""
     s, (be, ga) = group.state, ends
@@ -221,12 +227,12 @@ def _iterate(
     s.put(active.now & (moved.now > group.limit.unswept * largest.now), 1.0, "unsolved")
 
 
-def _active(contact: Contact, lanes: Any) -> Any:
+def _active(contact: Contact, lanes: Truths) -> Truths:
     """Those of some lanes in which a contact may press."""
     return lanes & ~(contact.k_active == 0.0) if contact.group.spec.located else lanes
 
 
-def correct(group: Group, h: Any) -> None:
+def correct(group: Group, h: Lanes) -> None:
     """Find the contact forces at the end of the step and correct its end with them."""
     # floors at rest on each other accelerate as one
     s, spec, h = group.state, group.spec, group.full(h)
@@ -243,14 +249,14 @@ def correct(group: Group, h: Any) -> None:
                 for first, floors, _ in _sides(contact):
                     _keep_compliance(group, first, floors, be, ga)
 
-        def force_of(contact: Contact, d: Any, v: Any) -> Any:
+        def force_of(contact: Contact, d: Lanes, v: Lanes) -> Lanes:
             law = contact.law
             if not spec.located:
                 return law.memoryless(contact.stiffness, contact.c, contact.fastest, d, v)
             pressed = law.closed_force(contact.k_active, contact.c_active, d, v)
             return where(s["stiff"] > 0.0, force_at_end(contact, d), pressed) if law.shape.yields else pressed
 
-        def update(contact: Contact, lanes: Any) -> tuple[Any, Any]:
+        def update(contact: Contact, lanes: Truths) -> tuple[Lanes, Lanes]:
             unit, old = group.full(0.0), contact.force  # relative acceleration for a unit force
             for first, floors, _ in _sides(contact):
                 for floor, part in floors:
@@ -300,7 +306,7 @@ class Newmark(Scheme):
         else:
             self.balance(group, None)
 
-    def flight(self, group: Group, h: Any) -> Callable[[], None]:
+    def flight(self, group: Group, h: Lanes) -> Callable[[], None]:
         """Take a step of all lanes without contact."""
         if group.spec.flowing:
             keep_start(group)
@@ -308,7 +314,7 @@ class Newmark(Scheme):
         self._reach(group, h, flies=True)
         return partial(self._add_gains, group)
 
-    def plain(self, group: Group, h: Any) -> Callable[[], None]:
+    def plain(self, group: Group, h: Lanes) -> Callable[[], None]:
         """Take a step of all lanes whose contacts follow from the present state alone."""
         add = self.flight(group, h)
         correct(group, h)
@@ -328,7 +334,7 @@ class Newmark(Scheme):
             take()
         return partial(self._add_gains, group)
 
-    def _reach(self, group: Group, h: Any, flies: bool = False) -> None:
+    def _reach(self, group: Group, h: Lanes, flies: bool = False) -> None:
         """Go to the end of a sub-step, shears of storeys in straight lines; if it `flies`, from the present state."""
         s, beta, gamma, h = group.state, group.prop("newmark_beta"), group.prop("newmark_gamma"), group.full(h)
         be, gg, pu, pv = (beta * (h * h), gamma * h, h * h * (0.5 - beta), h * (1.0 - gamma))
@@ -366,13 +372,13 @@ class Newmark(Scheme):
             links.add_powers(group, "u", "v", 3.0, first=False)
             links.record(group, h6)
 
-    def balance(self, group: Group, lanes: Any, end: float = 1.0) -> None:
+    def balance(self, group: Group, lanes: Truths, end: float = 1.0) -> None:
         """Find the accelerations at the end of a step by the equation of motion; at its start (0.0) no contacts act."""
         s = group.state
         put_accelerations(group, "alone", "u", "v", group.ground.at(end))
         if end == 1.0 and group.spec.located and group.touching and not group.spec.impulsive:
 
-            def force(contact: Contact) -> Any:
+            def force(contact: Contact) -> Lanes:
                 k, d, v = contact.k_active, contact.penetration(), contact.between("v")
                 return where(k == 0.0, 0.0, contact.law.pressing(k, contact.c_active, d, v))
 
@@ -414,7 +420,7 @@ class Newmark(Scheme):
                 for i in group.indices(group.spec.n_moving):
                     s.put(stiff, s["a", i], "a0", i)
 
-    def settle(self, group: Group, lanes: Any) -> None:
+    def settle(self, group: Group, lanes: Truths) -> None:
         """Work, peaks and modes of the closed contacts of marked lanes at the end of their sub-step."""
         r, h = group.requested, group.state["h"]
         for contact in group.iter_contacts():
@@ -445,7 +451,7 @@ class Newmark(Scheme):
                 mode = where(closed & pressing, settle_yielding(contact, closed & pressing, d, v), mode)
             contact.put(closed, mode=mode)
 
-    def touch_miss(self, group: Group) -> Any:
+    def touch_miss(self, group: Group) -> Lanes:
         """Time (s) by which a lane's sub-step went beyond (or fell short of) the touch that ends it."""
         late = group.cell(0.0)
         for contact in group.iter_contacts():
