@@ -46,7 +46,7 @@ from pounding_sweep.lanes import (
 )
 from pounding_sweep.model.formula import read, value
 from pounding_sweep.model.laws import RESTING_SPEED
-from pounding_sweep.model.storeys import STOREY_LAWS, Elastic
+from pounding_sweep.model.storeys import Elastic, law_of
 
 #: Rows of the ground's acceleration at both ends of a sub-step, and of the step that events cut into these.
 ENDS, ENDS_OF_STEP = ("ground0", "ground"), ("step_ground0", "step_ground")
@@ -243,7 +243,7 @@ class Group:
                 many = len(spec.hysteretic)
                 rows |= {"taylor_slip": many * (order + 1), "event_row": 1, "event_sign": 1}
                 for _, name, compiled in spec.hysteretic:
-                    law: Any = STOREY_LAWS[name]
+                    law: Any = law_of(name, compiled)
                     own = {} if law.straight else law.series_rows(compiled, order)
                     rows |= {row: many * count for row, count in own.items()}
             rows |= dict.fromkeys(("span", "event_number", "event_target", "low", "high", "bends"), 1)
@@ -758,7 +758,7 @@ class StoreySpring(Elastic):
             number = i
         else:
             number = Lookup([numbers.get(floor, 0) for floor in range(spec.n_dof)])[i]
-        law = STOREY_LAWS[name]
+        law = law_of(name, compiled)
         self.__dict__.update(storey=storey, number=number, law=law, compiled=compiled, group=storey.group)
 
     def _place(self, name: str) -> Index:

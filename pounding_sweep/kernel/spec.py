@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 from itertools import accumulate, pairwise
 from typing import Any
 
-from pounding_sweep.model.storeys import STOREY_LAWS, StoreyLaw
+from pounding_sweep.model.storeys import StoreyLaw, law_of
 
 #: Scenarios of a group, whose numbers lie side by side; the largest register holds as many in single precision.
 LANES = 16
@@ -224,7 +224,7 @@ class KernelSpec:
     def series(self) -> int:
         """Order of the series by which contacts are stepped; 0: by the scheme's stages."""
         polynomial = all(law.polynomial for law in self.laws) if self.laws else bool(self.yielding)
-        storeys = all(STOREY_LAWS[name].is_polynomial(compiled) for _, name, compiled in self.hysteretic)
+        storeys = all(law_of(name, compiled).is_polynomial(compiled) for _, name, compiled in self.hysteretic)
         if not (self.by_series and polynomial and storeys):
             return 0
         return YIELDING_ORDER if self.yielding else SERIES_ORDER[self.precision]
@@ -300,7 +300,7 @@ class KernelSpec:
     @property
     def storey_laws(self) -> list[StoreyLaw]:
         """Storey laws of the row."""
-        return [STOREY_LAWS[name] for name in dict.fromkeys(name for _, name, _ in self.hysteretic)]
+        return list(dict.fromkeys(law_of(name, compiled) for _, name, compiled in self.hysteretic))
 
     def of_springs(self, kind: str) -> tuple[str, ...]:
         """Names of what each spring has: its "constants", "rows" of state, or rows that are "moving" in a sub-step."""
@@ -326,7 +326,7 @@ class KernelSpec:
     @property
     def flowing(self) -> tuple[int, ...]:
         """Degrees of freedom whose storeys have internal variables that flow between events."""
-        return tuple(dict.fromkeys(i for i, name, _ in self.hysteretic if not STOREY_LAWS[name].straight))
+        return tuple(dict.fromkeys(i for i, name, compiled in self.hysteretic if not law_of(name, compiled).straight))
 
     @property
     def shares_storeys(self) -> bool:

@@ -33,7 +33,7 @@ from pounding_sweep.model.faults import (
     one_or_several,
     set_fields,
 )
-from pounding_sweep.model.storeys import DEFAULT, STOREY_LAWS, Hysteresis
+from pounding_sweep.model.storeys import DEFAULT, STOREY_LAWS, Hysteresis, list_lengths
 
 #: Storey height where none is given (m).
 DEFAULT_STOREY_HEIGHT = 3.0
@@ -337,6 +337,10 @@ class Building:
             if self.damping_stiffness == "tangent" and not law.has_tangent:
                 why = f"{law.name} has no tangent stiffness that is one number while a storey yields"
                 fault(("hysteresis",), f'{why}; give damping_stiffness = "initial"')
+        for element in self.elements:
+            for name, length in list_lengths(element).items():
+                if length != n:
+                    fault(("hysteresis", name), f"{length} values for {n} masses; give one per storey")
         for name in ("stiffness_share", "strength_share"):
             if abs(total := math.fsum(getattr(element, name) for element in self.elements) - 1.0) > ROUNDING:
                 fault(("hysteresis",), f"the sum of {name} of all elements is {1.0 + total:g}; it must be 1")

@@ -44,7 +44,7 @@ from pounding_sweep.model.meeting import (
     effective_mass,
     meetings,
 )
-from pounding_sweep.model.storeys import STOREY_LAWS, StoreyLaw
+from pounding_sweep.model.storeys import STOREY_LAWS, StoreyLaw, of_storey
 
 
 @checked
@@ -565,10 +565,10 @@ class Scene:
     def springs(self) -> tuple[Spring, ...]:
         """Elements of storeys that follow a storey law, bottom first."""
         return tuple(
-            Spring(first + storey, STOREY_LAWS[element.law], element)
+            Spring(first + storey, law.variant(law.compiled(parameters)), parameters)
             for building, first in zip(self.buildings, self.offsets, strict=False)
             for storey in np.flatnonzero(building.yields).tolist()
-            for element in building.elements
+            for law, parameters in ((STOREY_LAWS[x.law], of_storey(x, storey)) for x in building.elements)
         )
 
     @cached_property

@@ -205,7 +205,7 @@ class Variants:
         for i, _, element in self.scene.springs:
             stiffness, drift = element.stiffness_share, element.strength_share / element.stiffness_share
             k, r, dy = (table[:, i] for table in (self.stiffnesses, self.hardenings, self.yield_drifts))
-            numbers.append(Numbers(stiffness * k, r, drift * dy))
+            numbers.append(Numbers(stiffness * k, r, drift * dy, stiffness * self.geometric_stiffnesses[:, i]))
         return numbers
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Storey laws: each module here is one, its `LAW`. Models, kernels, results and documentation read the registry."""
+"""Storey laws: each module here with a `LAW` is one. Models, kernels, results and documentation read the registry."""
 
 from __future__ import annotations
 
@@ -12,15 +12,30 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Discriminator, GetPydanticSchema, Tag
 
 from pounding_sweep.base.errors import InputError, unknown
-from pounding_sweep.model.storeys.base import DriftGauge, Elastic, Numbers, Sampled, SignGauge, StoreyLaw
+from pounding_sweep.model.storeys.base import (
+    FAILED,
+    DriftGauge,
+    Elastic,
+    Numbers,
+    Sampled,
+    SignGauge,
+    StoreyLaw,
+    list_lengths,
+    of_storey,
+)
 
 #: Every storey law by its name, and the one of storeys that yield where no other is given.
 STOREY_LAWS: dict[str, StoreyLaw] = {
-    module.name: import_module(f"{__name__}.{module.name}").LAW
-    for module in iter_modules(__path__)
-    if module.name != "base"
+    name: module.LAW
+    for name in sorted(module.name for module in iter_modules(__path__))
+    if hasattr(module := import_module(f"{__name__}.{name}"), "LAW")
 }
 DEFAULT = STOREY_LAWS["bilinear"]
+
+
+def law_of(name: str, compiled: tuple[float, ...]) -> StoreyLaw:
+    """Return the law that springs of a name and compiled parameters follow."""
+    return STOREY_LAWS[name].variant(compiled)
 
 
 def _check_law(value: Any) -> Any:
@@ -46,6 +61,7 @@ Hysteresis = Annotated[Any, BeforeValidator(_check_law), GetPydanticSchema(lambd
 
 __all__ = [
     "DEFAULT",
+    "FAILED",
     "STOREY_LAWS",
     "DriftGauge",
     "Elastic",
@@ -54,4 +70,7 @@ __all__ = [
     "Sampled",
     "SignGauge",
     "StoreyLaw",
+    "law_of",
+    "list_lengths",
+    "of_storey",
 ]

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
 from pounding_sweep.model.faults import Number, checked
+
+#: Phase of a spring that has no strength any more, and never will.
+FAILED = 900.0
 
 
 @checked
@@ -25,12 +28,38 @@ class Shares:
     strength_share: Annotated[Number, Field(gt=0.0, le=1.0)] = field(default=1.0, kw_only=True, repr=False)
 
 
+def of_storey(parameters: Any, storey: int) -> Any:
+    """Return the parameters of one storey, counted from 0: of each list its value."""
+    values = {item.name: getattr(parameters, item.name) for item in fields(parameters) if item.init}
+    changed = {
+        name: x[storey] if isinstance(x, tuple) else of_storey(x, storey)
+        for name, x in values.items()
+        if isinstance(x, tuple) or is_dataclass(x)
+    }
+    return replace(parameters, **changed) if changed else parameters
+
+
+def list_lengths(parameters: Any) -> dict[str, int]:
+    """Return the lengths of the lists that parameters hold, by their names."""
+    lengths: dict[str, int] = {}
+    for item in fields(parameters):
+        value = getattr(parameters, item.name)
+        if isinstance(value, tuple):
+            lengths[item.name] = len(value)
+        elif is_dataclass(value):
+            lengths |= {f"{item.name}.{name}": n for name, n in list_lengths(value).items()}
+    return lengths
+
+
 class Numbers(NamedTuple):
     """Numbers of a spring, of some variants of its building."""
 
     stiffness: Any  # elastic, lateral: with P-Delta less what the weights take (kN/m)
     hardening: Any  # stiffness after first yield over that
     yield_drift: Any  # drift of first yield (m)
+    geometric: Any = 0.0  # what the weights take of its stiffness (kN/m)
+    capacity: Any = 1.0  # factor on drifts at which it loses strength
+    deterioration: Any = 1.0  # factor on the reference drifts by which it deteriorates
 
 
 class Elastic(ABC):
@@ -110,6 +139,16 @@ class StoreyLaw(ABC):
         """Return the parameters that decide a kernel's code."""
         del parameters
         return ()
+
+    def variant(self, compiled: tuple[float, ...]) -> StoreyLaw:
+        """Return what springs of these parameters follow: a law with rows and constants of its own, if they need it."""
+        del compiled
+        return self
+
+    def ultimate_drifts(self, parameters: Any, numbers: Numbers) -> tuple[Any, Any]:
+        """Return the sizes of the drifts (m) to the negative and the positive side at which its strength is gone."""
+        del parameters, numbers
+        return np.inf, np.inf
 
     def is_polynomial(self, compiled: tuple[float, ...]) -> bool:
         """Whether steps may be series."""
