@@ -25,6 +25,7 @@ _HOME = {
         "pages.report": "report",
         "pages.view": "view",
         "records": "Record find_record list_records near_fault_record pulse_record read_record synthetic_record",
+        "run.cyclic": "cyclic_test",
         "run.simulate": "simulate",
         "run.sweep": "Sweep load_sweep",
         "request.axes": "Range",
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
         synthetic_record,
     )
     from pounding_sweep.request.axes import Range
+    from pounding_sweep.run.cyclic import cyclic_test
     from pounding_sweep.run.simulate import simulate
     from pounding_sweep.run.sweep import Sweep, load_sweep
 

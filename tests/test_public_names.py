@@ -32,6 +32,7 @@ CALLS = {
     "pulse_record": "(shape, *, amplitude, period, dt, duration=None, name=None)",
     "synthetic_record": "(seed, *, duration=20.0, dt=0.01, pga=3.0, name=None)",
     "Range": "(start, stop, count, spacing='linear')",
+    "cyclic_test": "(building, drifts, storey=1)",
     "simulate": "(scene, record, *, law=None, gaps=None, stiffness=None, restitution=None, method=None, dt=None, "
     "locate=True, initial_velocity=None, precision=None, accuracy=None, output_step=None)",
     "Sweep": "(scene, records, laws=None, *, gaps=None, stiffnesses=None, stiffness_factors=None, restitutions=None, "

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from importlib import import_module
 
 import numpy as np
 import pytest
 from against_reference import motion
+from opensees_material import check_against_opensees, random_drifts
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SceneError
@@ -141,3 +143,57 @@ def test_shares_that_are_no_parts_of_a_storey_are_refused(shares, message):
     elements = [{"law": "bilinear", "stiffness_share": share, "strength_share": 0.5} for share in shares]
     with pytest.raises(SceneError, match=message):
         ps.Building("a", [1.0], [1.0], yield_strengths=[1.0], hysteresis=elements)
+
+
+@each_law
+def test_imposed_drifts_meet_the_shears_of_the_reference(name):
+    """Wherever points lie, also beyond several branches; energies balance; several elements bear the sum."""
+    k, strength, r = 4e4, 150.0, 0.1
+    building = ps.Building("a", [100.0], [k], yield_strengths=[strength], hardening=r, hysteresis=table(name))
+    drifts = random_drifts(3, 5.0 * strength / k, points=40, histories=3)
+    test = ps.cyclic_test(building, drifts)
+    want = np.array([MODULES[name].reference(column, k, strength / k, r) for column in drifts.T]).T
+    np.testing.assert_allclose(test.shear, want, atol=0.5)
+    cycle = 4.0 * strength / k * np.sin(np.linspace(0.0, 2.0 * np.pi, 201))
+    loops = ps.cyclic_test(building, np.concatenate([cycle, cycle, cycle])).isel(point=slice(401, None))
+    area = np.trapezoid(loops.shear, loops.drift)
+    assert float(loops.energy[-1] - loops.energy[0]) == pytest.approx(area, rel=1e-3)
+    shares = [{"stiffness_share": 0.3, "strength_share": 0.6}, {"stiffness_share": 0.7, "strength_share": 0.4}]
+    laws = [table("bilinear"), table(name)]
+    both = replace(building, hysteresis=[law | share for law, share in zip(laws, shares, strict=True)])
+    parts = [
+        replace(building, stiffnesses=[stiff * k], yield_strengths=[strong * strength], hysteresis=law)
+        for law, (stiff, strong) in zip(laws, (share.values() for share in shares), strict=True)
+    ]
+    total = sum(ps.cyclic_test(part, drifts) for part in parts)
+    for variable in ("shear", "stiffness", "energy"):
+        np.testing.assert_allclose(ps.cyclic_test(both, drifts)[variable], total[variable], rtol=1e-9, atol=1e-9)
+
+
+def test_imposed_drifts_on_storeys_that_lean_fall_or_stay_elastic():
+    pushed = {"storey_heights": [3.0], "p_delta": True}
+    building = ps.Building("a", [100.0], [4e4], yield_strengths=[150.0], **pushed)
+    test = ps.cyclic_test(building, [0.001, 0.1, 3.0, 0.0])
+    assert test.shear.values == pytest.approx([40.0, 150.0, np.nan, np.nan], nan_ok=True)
+    assert test.stiffness.values[:2] == pytest.approx([4e4, 0.0], abs=1e-6)
+    elastic = ps.Building("a", [100.0, 80.0], [4e4, 3e4], yield_strengths=[150.0, np.inf])
+    assert ps.cyclic_test(elastic, [0.01, 0.02], storey=2).shear.values == pytest.approx([300.0, 600.0])
+
+
+@pytest.mark.parametrize(
+    ("drifts", "storey", "message"),
+    [
+        ([0.0], 2, "storey is 2, but building 'a' has no such storey"),
+        ([np.nan], 1, "drifts must be finite numbers"),
+        ("up", 1, "drifts must be finite numbers"),
+    ],
+)
+def test_what_no_storey_can_be_tested_with_is_refused(drifts, storey, message):
+    with pytest.raises(ps.PoundingSweepError, match=message):
+        ps.cyclic_test(ps.Building("a", [1.0], [1.0], yield_strengths=[1.0]), drifts, storey=storey)
+
+
+def test_bilinear_storeys_are_steel01_of_opensees():
+    building = ps.Building("a", [100.0], [4e4], yield_strengths=[150.0], hardening=0.1)
+    drifts = random_drifts(11, 0.03)
+    assert check_against_opensees(building, "Steel01", (150.0, 4e4, 0.1), drifts).energy.values[-1].min() > 0.0

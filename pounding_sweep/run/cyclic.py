@@ -1,0 +1,193 @@
+"""Storeys under imposed drifts, without dynamics: from each drift to the next through the branches of their laws."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from pounding_sweep.base.errors import InputError, RunError
+from pounding_sweep.model.building import Building
+from pounding_sweep.model.scene import Scene
+from pounding_sweep.model.storeys import DriftGauge, Sampled, StoreyLaw
+from pounding_sweep.model.variants import variants_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Branches that a law may enter between two drifts.
+_MAX_BRANCHES = 100
+#: Relative error of what flows between two drifts.
+_TOLERANCE = 1e-12
+
+
+class _Spring(Sampled):
+    """A spring whose drift is imposed: numbers of histories side by side."""
+
+    law: StoreyLaw
+    slip: Any
+    travel: Any  # what is lost, over the law's `loss`
+    imposed: Any  # drift (m), the one before, and the sign of its change
+    previous: Any
+    way: Any
+
+    def __init__(self, law: StoreyLaw, stiffness: Any, constants: dict[str, Any], compiled: Any, n: int) -> None:
+        rows = dict.fromkeys((*law.rows, "travel", "then", "imposed", "previous", "way"), np.zeros(n))
+        super().__init__(
+            stiffness, {**rows, **constants, "law": law, "compiled": compiled, "group": self, "spec": self}
+        )
+
+    #: What laws ask of the group of a kernel's lanes, and of its spec.
+    requested, series = ("hysteretic",), False
+
+    def full(self, x: Any) -> Any:
+        """Return a number in all histories."""
+        return x + np.zeros_like(self.imposed)
+
+    def put(self, lanes: Any, **rows: Any) -> None:
+        """Write rows in some histories (None: all)."""
+        for name, x in rows.items():
+            setattr(self, name, self.full(x) if lanes is None else np.where(lanes, x, getattr(self, name)))
+
+    def drift(self, x: Any = "u", rounding: bool = False) -> Any:
+        """Return the drift (m), or its rate, or what it was at the drift before, by the names of kernels' rows."""
+        del rounding
+        return {"u": self.imposed, "u0": self.previous}.get(x, self.way)
+
+    def impose(self, drift: Any) -> None:
+        """Go on to a drift (m), from branch to branch."""
+        self.previous, self.way = self.imposed, np.sign(drift - self.imposed)
+        if not self.law.straight:
+            self._flow(drift)
+            return
+        forward = self.way > 0.0
+        for _ in range(_MAX_BRANCHES):
+            end, length, then = drift, np.full(drift.shape, np.inf), np.full(drift.shape, np.nan)
+            for gauge in self.law.gauges(self):
+                assert isinstance(gauge, DriftGauge)
+                turns, bound = gauge.way * self.way < 0.0, np.where(forward, gauge.high, gauge.low)
+                distance = np.where(turns, 0.0, np.maximum(self.way * (bound - self.imposed), 0.0))
+                leaves = turns | (gauge.ranged & (self.way * (drift - bound) > 0.0))
+                first = leaves & (distance < length)
+                end = np.where(first, np.where(distance > 0.0, bound, self.imposed), end)
+                length = np.where(first, distance, length)
+                beyond = np.where(forward, gauge.above, gauge.below)
+                then = np.where(first, np.where(turns, gauge.turned, beyond), then)
+            self.imposed, self.then = end, then
+            self.law.follow(self)
+            ended = ~np.isnan(then)
+            if not ended.any():
+                return
+            self.law.switch(self, ended)
+        raise RunError(f"storey law {self.law.name!r} enters more than {_MAX_BRANCHES} branches between two drifts")
+
+    def _flow(self, drift: Any) -> None:
+        """Go on to a drift as the plastic drift flows with it."""
+        law: Any = self.law
+        start, change = self.imposed, drift - self.imposed
+
+        def rates(t: float, y: np.ndarray) -> np.ndarray:
+            slip = y[: len(drift)]
+            flow = law.flow(self, start + t * change, change, slip)
+            return np.concatenate([flow, law.lost(self, start + t * change, slip, flow)])
+
+        begins = np.concatenate([self.slip, self.travel])
+        smallest = _TOLERANCE * float(np.min(law.reach(self)))
+        path = solve_ivp(rates, (0.0, 1.0), begins, method="DOP853", rtol=_TOLERANCE, atol=smallest)
+        self.imposed, (self.slip, self.travel) = drift, np.split(path.y[:, -1], 2)
+
+    def shear(self) -> tuple[Any, Any]:
+        """Return shear (kN) and tangent stiffness (kN/m)."""
+        law: Any = self.law
+        stiffness, constant = law.line(self)
+        tangent = stiffness if law.straight else law.tangent(self, self.imposed, self.way, self.slip)[0]
+        return stiffness * self.imposed + constant, tangent
+
+
+def cyclic_test(building: Building, drifts: Any, storey: int = 1) -> xr.Dataset:
+    """Impose drifts on a storey and return what it resists, without dynamics.
+
+    Between two drifts the storey goes straight from one to the other; branches of its laws end where they end.
+
+    Parameters
+    ----------
+    building : Building
+        Storeys with yield strengths and hysteresis; with P-Delta, shears hold what the weights push.
+    drifts : array_like
+        Drifts (m) from the undamaged state on, shape (points,), or of several histories (points, histories).
+    storey : int, optional
+        Number of the storey, from 1 at the bottom.
+
+    Returns
+    -------
+    xarray.Dataset
+        By ``point`` (and ``history``): ``drift`` (m), ``shear`` (kN), ``stiffness`` (kN/m), the tangent of the branch
+        on which the point was reached, and ``energy`` (kN m), dissipated so far. They are missing after the storey has
+        fallen.
+
+    Raises
+    ------
+    InputError
+        There is no such storey, the building is given by its matrix, or drifts are not finite numbers.
+
+    Examples
+    --------
+    >>> import pounding_sweep as ps
+    >>> building = ps.Building("a", [100.0], [4e4], yield_strengths=[200.0], hardening=0.1)
+    >>> test = ps.cyclic_test(building, [0.01, -0.01, 0.0])
+    >>> test.shear.values.round(6).tolist()
+    [220.0, -220.0, 180.0]
+    >>> round(float(test.energy[-1]), 6)
+    2.7
+    """
+    import xarray as xr
+
+    if storey not in range(1, building.n_storeys + 1) or building.stiffness_matrix is not None:
+        what = "is given by its stiffness matrix" if building.stiffness_matrix is not None else "has no such storey"
+        raise InputError(
+            f"storey is {storey!r}, but building {building.name!r} {what}; its storeys are numbered from 1"
+        )
+    try:
+        path = np.array(drifts, dtype=float)
+    except (TypeError, ValueError):
+        path = np.empty(0)
+    if path.ndim not in (1, 2) or not path.size or not np.isfinite(path).all():
+        raise InputError("drifts must be finite numbers (m), shape (points,) or (points, histories)")
+    scene, floor = Scene([building]), storey - 1
+    row, columns = variants_of(scene), path.reshape(len(path), -1)
+    n, own = columns.shape[1], [e for e, spring in enumerate(scene.springs) if spring.floor == floor]
+    springs, losses = [], []
+    for e in own:
+        element, numbers = scene.springs[e], row.spring_numbers[e]
+        constants = {name: values[0, e] for name, values in row.spring_constants.items()}
+        compiled = element.law.compiled(element.parameters)
+        springs.append(_Spring(element.law, numbers.stiffness[0], constants, compiled, n))
+        losses.append(element.law.loss(numbers)[0])
+        element.law.begin(springs[-1], None)
+    weights = row.geometric_stiffnesses[0, floor]
+    bare = weights if own else row.elastic_stiffnesses[0, floor]  # of what follows no law
+    shear, stiffness, energy = bare * columns, np.full(columns.shape, bare), np.zeros(columns.shape)
+    for point, drift in enumerate(columns):
+        for spring, loss in zip(springs, losses, strict=True):
+            spring.impose(drift)
+            borne, tangent = spring.shear()
+            shear[point] += borne
+            stiffness[point] += tangent
+            energy[point] += loss * spring.travel
+    fallen = np.maximum.accumulate(np.abs(columns) >= row.drift_limits[floor], axis=0)
+    about = {
+        "drift": (columns, "m", "imposed interstorey displacement"),
+        "shear": (shear, "kN", "storey shear"),
+        "stiffness": (stiffness, "kN m-1", "tangent stiffness"),
+        "energy": (energy, "kN m", "energy dissipated so far"),
+    }
+    variables = {
+        name: (
+            ("point", "history")[: path.ndim],
+            np.where(fallen & (name != "drift"), np.nan, values).reshape(path.shape),
+            {"units": units, "long_name": text},
+        )
+        for name, (values, units, text) in about.items()
+    }
+    return xr.Dataset(variables, attrs={"building": building.name, "storey": storey})
