@@ -8,7 +8,7 @@ from typing import Any
 
 from numpydoc.docscrape import NumpyDocString
 
-from pounding_sweep.model.building import Building, Foundation
+from pounding_sweep.model.building import Building, Foundation, Infill
 from pounding_sweep.model.faults import Table
 from pounding_sweep.model.frames import typical, typical_building
 from pounding_sweep.model.laws import hertz_stiffness
@@ -89,7 +89,7 @@ _WORDS = {
     "Annotated[float": "a number",
     "Annotated[Number": "a number",
     "ContactProperties": "a table",
-    "Foundation": "a table",
+    **dict.fromkeys(("Foundation", "Infill"), "a table"),
     "Hysteresis": "a table",
     "Annotated[Any": "a name, or FILE.py:NAME",
     "Any": "a text or a table",
@@ -151,6 +151,7 @@ _TABLES: dict[str, tuple[Keys, Callable[..., Any] | None]] = {
         f'hysteresis of a building, law = "{name}"': (_parameters(law.Parameters), law.Parameters)
         for name, law in STOREY_LAWS.items()
     },
+    "infill of a building": (_parameters(Infill), Infill),
     "foundation of a building": (_parameters(Foundation), Foundation),
     "isolation of a building": (
         {name: keys for name, keys in _parameters(base_isolated).items() if name != "building"},

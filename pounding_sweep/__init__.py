@@ -16,7 +16,7 @@ _HOME = {
     for module, names in {
         "accuracy.tradeoff": "tradeoff",
         "base.errors": "PoundingSweepError",
-        "model.building": "Building Foundation",
+        "model.building": "Building Foundation Infill",
         "model.frames": "building_from_modes building_from_opensees typical_building",
         "model.laws": "LAWS Law get_law hertz_stiffness rubber_bumper",
         "model.presets": "base_isolated get_preset",
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from pounding_sweep import analysis, figures
     from pounding_sweep.accuracy.tradeoff import tradeoff
     from pounding_sweep.base.errors import PoundingSweepError
-    from pounding_sweep.model.building import Building, Foundation
+    from pounding_sweep.model.building import Building, Foundation, Infill
     from pounding_sweep.model.frames import building_from_modes, building_from_opensees, typical_building
     from pounding_sweep.model.laws import LAWS, Law, get_law, hertz_stiffness, rubber_bumper
     from pounding_sweep.model.presets import base_isolated, get_preset

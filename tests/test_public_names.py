@@ -17,6 +17,7 @@ CALLS = {
     "Wall": "(name='wall')",
     "ContactProperties": "(linear_stiffness=None, hertz_stiffness=None, restitution=None)",
     "Scene": "(row, gaps=())",
+    "Infill": "(stiffnesses, yield_strengths, hardening=0.0, hysteresis=None)",
     "Foundation": "(mass, inertia, sway_stiffness, rocking_stiffness, sway_damping=0.0, rocking_damping=0.0)",
     "Link": "(pair, storeys, stiffness=0.0, damping=0.0)",
     "Bumper": "(pair, law, stiffness=None, restitution=None, thickness=None, storeys=())",

@@ -17,7 +17,7 @@ from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.kernel.spec import from_json, history_slots, property_slots, to_json
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.storeys import STOREY_LAWS
-from pounding_sweep.model.variants import variants_of
+from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.variables.registry import reducers_for
 
@@ -105,31 +105,73 @@ def test_exact_flies_where_the_first_branch_has_the_stiffness_of_the_storey(name
 
 @pytest.mark.parametrize("method", ["rk4", "exact"])
 @pytest.mark.parametrize("second", STOREY_LAWS)
+@pytest.mark.parametrize("way", ["elements", "infill"])
 @pytest.mark.usefixtures("twin")
-def test_elements_of_a_storey_bear_the_sum_of_their_shears(second, method):
-    """Each has a law, a state and a strength of its own."""
+def test_springs_of_a_storey_bear_the_sum_of_their_shears(way, second, method):
+    """Each has a law, a state and a strength of its own, infill a hardening too."""
     k, strength, r = 4e4, 150.0, 0.1
-    shares = [(0.7, 0.4), (0.3, 0.6)]
-    laws = [table("bilinear"), table(second)]
-    elements = [
-        law | {"stiffness_share": stiff, "strength_share": strong}
-        for law, (stiff, strong) in zip(laws, shares, strict=True)
-    ]
-    building = ps.Building("a", [100.0], [k], yield_strengths=[strength], hardening=r, hysteresis=elements)
+    shares, laws, hardenings = [(0.7, 0.4), (0.3, 0.6)], [table("bilinear"), table(second)], [r, r]
+    if way == "elements":
+        elements = [
+            law | {"stiffness_share": stiff, "strength_share": strong}
+            for law, (stiff, strong) in zip(laws, shares, strict=True)
+        ]
+        building = ps.Building("a", [100.0], [k], yield_strengths=[strength], hardening=r, hysteresis=elements)
+    else:
+        hardenings[1] = 0.2
+        (stiff, strong), (infill, its_strength) = [(k * x, strength * y) for x, y in shares]
+        infill = ps.Infill(infill, its_strength, hardening=0.2, hysteresis=laws[1])
+        own = {"yield_strengths": [strong], "hardening": r}
+        building = ps.Building("a", [100.0], [stiff], **own, infill=infill, p_delta=True)
+        softer = k - building.geometric_stiffnesses[0]
+        assert building.periods[0] == pytest.approx(2.0 * np.pi * np.sqrt(100.0 / softer))
     one = ps.simulate(ps.Scene([building]), motion(31, 1.2), law="none", method=method, dt=4e-3, rest=0.0)
     drift, shear = one.storey_drift.values.ravel(), one.storey_shear.values.ravel()
     parts = [
-        MODULES[law["law"]].reference(drift, stiff * k, strong * strength / (stiff * k), r)
-        for law, (stiff, strong) in zip(laws, shares, strict=True)
+        MODULES[law["law"]].reference(drift, stiff * k, strong * strength / (stiff * k), hardening)
+        for law, (stiff, strong), hardening in zip(laws, shares, hardenings, strict=True)
     ]
     want = np.sum(parts, axis=0)
     np.testing.assert_allclose(shear, want, atol=1.0)
     assert np.abs(want - MODULES[second].reference(drift, k, strength / k, r)).max() > 5.0
-    work = np.sum(0.5 * (shear[1:] + shear[:-1]) * np.diff(drift))
+    weights = shear - building.geometric_stiffnesses[0] * drift
+    work = np.sum(0.5 * (weights[1:] + weights[:-1]) * np.diff(drift))
     assert one.hysteretic_energy.item() > 0.1
     assert one.hysteretic_energy.item() + one.strain.values[-1].item() == pytest.approx(
         work, abs=0.01 * np.abs(shear).max() * np.ptp(drift)
     )
+
+
+def test_factors_on_a_building_are_on_its_infill_too():
+    walls = {"stiffnesses": [0.0, 6e4], "yield_strengths": [0.0, 80.0], "hardening": 0.02}
+    building = ps.Building("a", [100.0, 80.0], [1e5, 8e4], yield_strengths=[90.0, np.inf], infill=walls, p_delta=True)
+    scene, own = ps.Scene([building]), np.array([[1.3], [1.0]])
+    factors = np.array([[0.8], [1.0]]), np.array([[1.2], [1.0]]), np.full(2, np.nan), own
+    rows = Variants(scene, *factors)
+    assert [(spring.floor, spring.is_infill) for spring in scene.springs] == [(0, False), (1, False), (1, True)]
+    made, plain = (variants_of(rows.scene_of(row)) for row in (0, 1))
+    assert plain.scene == scene
+    walls = made.scene.buildings[0].infill
+    np.testing.assert_allclose(walls.stiffnesses, [0.0, 6e4 * 1.2 / 0.64])
+    np.testing.assert_allclose(walls.yield_strengths, [0.0, 80.0 * 1.2 * 1.3])
+    for name, constants in rows.spring_constants.items():
+        np.testing.assert_allclose(constants[:1], made.spring_constants[name], rtol=1e-12, err_msg=name)
+    for numbers, again in zip(rows.spring_numbers, made.spring_numbers, strict=True):
+        np.testing.assert_allclose([x[0] for x in numbers[:3]], [x[0] for x in again[:3]], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("walls", "message"),
+    [
+        ({"stiffnesses": [1.0, 1.0], "yield_strengths": 1.0}, "infill.stiffnesses: 2 values for 1 masses"),
+        ({"stiffnesses": 1.0, "yield_strengths": 0.0}, "is 0 in a storey whose infill has a stiffness"),
+        ({"stiffnesses": 1.0}, "yield_strengths: is missing"),
+        ({"stiffnesses": 1.0, "yield_strengths": 1.0, "strength": 2.0}, "unknown key 'strength'"),
+    ],
+)
+def test_infill_that_is_none_is_refused(walls, message):
+    with pytest.raises(SceneError, match=message):
+        ps.Building("a", [1.0], [1.0], infill=walls)
 
 
 @pytest.mark.parametrize(

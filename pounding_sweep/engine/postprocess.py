@@ -78,6 +78,7 @@ def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
     # a push at floor i bends all storeys below it, each by 1 / k, and what the building stands on
     storeys = 1.0 / k
     if yields:
+        k = variants.own_stiffnesses  # whatever infill bears
         # its springs hold at most that energy, and its yielding has lost at most what the ground put in, twice that
         held = np.sqrt(twice / k)
         with np.errstate(divide="ignore"):

@@ -30,7 +30,7 @@ from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.meeting import column_shares
 from pounding_sweep.model.scene import Scene
-from pounding_sweep.model.variants import Variants, coupled_modes, variants_of
+from pounding_sweep.model.variants import ELASTIC, Variants, coupled_modes, variants_of
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES, Scheme
 from pounding_sweep.schemes.stability import longest_substep
@@ -45,8 +45,6 @@ FINEST_FLIGHT = 4.0
 SEPTIC = 10321920.0
 #: Power of the refinement by which sub-steps by series fall: so much that two runs differ by their rounding.
 SERIES_FALL = 0.5
-#: Yield drift (m) of storeys that never yield, and limit of those that never fall, in both number formats.
-ELASTIC = 1e30
 #: Most periods of the slowest mode that rest after a record lasts, and what its amplitude has decayed to where no bound
 #: tells that nothing changes any more: floors without a gap go on touching.
 REST_PERIODS, SMALL_MOTION = 200.0, 1e-3

@@ -6,7 +6,7 @@ Units kN, t, m, s: consistent as they stand (1 kN = 1 t m/s2).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
@@ -33,7 +33,7 @@ from pounding_sweep.model.faults import (
     one_or_several,
     set_fields,
 )
-from pounding_sweep.model.storeys import DEFAULT, STOREY_LAWS, Hysteresis, list_lengths
+from pounding_sweep.model.storeys import DEFAULT, STOREY_LAWS, Hysteresis, StoreyLaw, list_lengths, of_storey
 
 #: Storey height where none is given (m).
 DEFAULT_STOREY_HEIGHT = 3.0
@@ -144,6 +144,42 @@ class Foundation:
 
 
 @checked
+class Infill:
+    """A second spring of each storey beside its own: an infill wall, which may crack, slip and drop out.
+
+    Parameters
+    ----------
+    stiffnesses : float or sequence of float
+        Stiffness (kN/m) of the infill of each storey, bottom first, or of all; 0 in storeys without infill.
+    yield_strengths : float or sequence of float
+        Its shear (kN) at first yield.
+    hardening : float or sequence of float
+        Its stiffness after first yield over its elastic one, in [0, 1).
+    hysteresis : mapping, optional
+        Storey law of the infill and its parameters; bilinear if not given.
+
+    Raises
+    ------
+    SceneError
+        A value is out of range.
+
+    Examples
+    --------
+    >>> from pounding_sweep import Building
+    >>> frame = Building("a", [100.0, 100.0], [5e4, 5e4], yield_strengths=[200.0, 150.0])
+    >>> walls = Infill(stiffnesses=[0.0, 2e5], yield_strengths=[0.0, 300.0])
+    >>> infilled = Building("b", [100.0, 100.0], [5e4, 5e4], yield_strengths=[200.0, 150.0], infill=walls)
+    >>> round(float(frame.periods[0]), 3), round(float(infilled.periods[0]), 3)
+    (0.455, 0.417)
+    """
+
+    stiffnesses: OfStoreysOrZero
+    yield_strengths: OfStoreysOrZero
+    hardening: Annotated[float | Sequence[float], one_or_several(Fraction, Sequence[Fraction])] = 0.0
+    hysteresis: Hysteresis | None = None
+
+
+@checked
 class Building:
     """A shear building, linear elastic unless its storeys yield; or any linear one, by its floors' stiffness matrix.
 
@@ -180,6 +216,9 @@ class Building:
         Law of the storeys that yield and its parameters, ``{"law": "bouc_wen", "n": 2.0}``; bilinear with kinematic
         hardening where not given. Several are elements of each such storey side by side, which share its stiffness and
         strength by their ``stiffness_share`` and ``strength_share``.
+    infill : Infill or mapping, optional
+        A second spring of each storey beside its own, with a stiffness, strength and law of its own. Periods, modes and
+        Rayleigh damping are those of both.
     dashpots : float or sequence of float, optional
         Coefficients (kN s/m) of dashpots between each floor and the one below (the ground), bottom first, beside
         Rayleigh's damping; zero where a storey has none.
@@ -229,6 +268,7 @@ class Building:
     hysteresis: Annotated[Any, one_or_several(Hysteresis, Sequence[Hysteresis])] | None = field(
         default=None, kw_only=True
     )
+    infill: Infill | None = field(default=None, kw_only=True)
     dashpots: OfStoreysOrZero | None = field(default=None, kw_only=True)
     foundation: Foundation | None = field(default=None, kw_only=True)
     base_elevation: Finite = field(default=0.0, kw_only=True)
@@ -238,7 +278,8 @@ class Building:
     period: Positive | None = field(default=None, kw_only=True)
     FILE_KEYS: ClassVar = ("isolation", "typical")  # a sweep file's reader replaces it
     n_storeys: int = derived()
-    #: of each storey: whether it may yield, its hardening, and whether it has a dashpot
+    infill_stiffnesses: tuple[float, ...] = derived()  # of each storey (kN/m), zeros without infill
+    #: of each storey: whether it or its infill may yield, its hardening, and whether it has a dashpot
     yields: tuple[bool, ...] = derived()
     hardenings: tuple[float, ...] = derived()
     dashed: tuple[bool, ...] = derived()
@@ -262,11 +303,14 @@ class Building:
         single = [name for name in _LISTS if isinstance(getattr(self, name), float) and name != "hardening"]
         set_fields(self, **{name: (getattr(self, name),) * n for name in single})
         hardenings = hardening if isinstance(hardening, tuple) else (hardening,) * n
+        infill = self.of_infill("stiffnesses")
+        strengths = zip(self.yield_strengths or (math.inf,) * n, infill, strict=False)
         set_fields(
             self,
             n_storeys=n,
+            infill_stiffnesses=infill,
             storey_heights=self.storey_heights or (DEFAULT_STOREY_HEIGHT,) * n,
-            yields=tuple(map(math.isfinite, self.yield_strengths or (math.inf,) * n)),
+            yields=tuple(math.isfinite(strength) or k > 0.0 for strength, k in strengths),
             hardenings=hardenings,
             uniform_hardening=hardenings[0] if len(set(hardenings)) == 1 else math.nan,
             dashed=tuple(c > 0.0 for c in self.dashpots or (0.0,) * n),
@@ -281,7 +325,7 @@ class Building:
                 geometric = weights / self.storey_heights
                 heights = zip(self.storey_heights or (), self.yields, strict=True)
                 stiffnesses = np.array(self.stiffnesses or (math.nan,) * n)
-                lateral = stiffnesses - geometric
+                lateral = stiffnesses - geometric + self.infill_stiffnesses
                 set_fields(
                     self,
                     drift_limits=tuple(h if self.p_delta and flag else math.inf for h, flag in heights),
@@ -302,6 +346,9 @@ class Building:
         stiff = self._without_weights
         root = 1.0 / np.sqrt(self.masses)
         factor = (2.0 * math.pi / self.period) ** 2 / float(np.linalg.eigvalsh(stiff * np.outer(root, root))[0])
+        if self.infill is not None:
+            walls = tuple(factor * k for k in self.infill_stiffnesses)
+            set_fields(self, infill_stiffnesses=walls, infill=replace(self.infill, stiffnesses=walls))
         if self.stiffness_matrix is not None:
             set_fields(self, stiffness_matrix=tuple(map(tuple, (factor * stiff).tolist())))
         else:
@@ -314,7 +361,7 @@ class Building:
         if self.stiffness_matrix is not None:
             return np.array(self.stiffness_matrix)
         drifts = np.diff(np.eye(self.n_storeys), axis=0, prepend=0.0)
-        return np.asarray((drifts.T * np.array(self.stiffnesses)) @ drifts)
+        return np.asarray((drifts.T * np.add(self.stiffnesses or (), self.infill_stiffnesses)) @ drifts)
 
     @cached_property
     def lateral_matrix(self) -> np.ndarray:
@@ -329,18 +376,26 @@ class Building:
             if isinstance(values := getattr(self, name), tuple) and len(values) != n:
                 fault((name,), f"{len(values)} values for {n} masses; give one per storey")
         self._check_matrices(fault)
+        for name in ("stiffnesses", "yield_strengths", "hardening") if self.infill else ():
+            if len(values := self.of_infill(name)) != n:
+                fault(("infill", name), f"{len(values)} values for {n} masses; give one per storey")
+            elif name == "yield_strengths" and any(
+                k and not v for k, v in zip(self.infill_stiffnesses, values, strict=False)
+            ):
+                fault(("infill", name), "is 0 in a storey whose infill has a stiffness; give it a strength")
         if self.yield_strengths is None:
             for name, default in (("hardening", 0.0), ("damping_stiffness", "initial"), ("hysteresis", None)):
                 if getattr(self, name) != default:
                     fault((name,), f"{name} is that of storeys that yield; give yield_strengths too, or leave it out")
-        for law in (STOREY_LAWS[element.law] for element in self.elements):
+        for law in (STOREY_LAWS[element.law] for element in (*self.elements, *self.infill_elements)):
             if self.damping_stiffness == "tangent" and not law.has_tangent:
                 why = f"{law.name} has no tangent stiffness that is one number while a storey yields"
                 fault(("hysteresis",), f'{why}; give damping_stiffness = "initial"')
-        for element in self.elements:
+        laws = [("hysteresis", element) for element in self.elements]
+        for place, element in (*laws, *(("infill", element) for element in self.infill_elements)):
             for name, length in list_lengths(element).items():
                 if length != n:
-                    fault(("hysteresis", name), f"{length} values for {n} masses; give one per storey")
+                    fault((place, name), f"{length} values for {n} masses; give one per storey")
         for name in ("stiffness_share", "strength_share"):
             if abs(total := math.fsum(getattr(element, name) for element in self.elements) - 1.0) > ROUNDING:
                 fault(("hysteresis",), f"the sum of {name} of all elements is {1.0 + total:g}; it must be 1")
@@ -361,7 +416,7 @@ class Building:
             if self.stiffnesses is not None:
                 fault(("stiffness_matrix",), "comes beside stiffnesses; leave one of them out")
             if any(self.yields):
-                why = "storeys that yield need stiffnesses of storeys, which a stiffness_matrix does not have"
+                why = "storeys that yield, or infill, need stiffnesses of storeys, which a stiffness_matrix has not"
                 fault(("yield_strengths",), f"{why}; leave one of them out")
         if self.modal_damping is not None and self.damping_matrix is not None:
             fault(("damping_matrix",), "comes beside modal_damping; leave one of them out")
@@ -418,6 +473,24 @@ class Building:
         """Parameters of storey laws of the elements of each storey that yields."""
         given = DEFAULT.Parameters() if self.hysteresis is None else self.hysteresis
         return given if isinstance(given, tuple) else (given,)
+
+    def springs_of(self, storey: int) -> Iterator[tuple[StoreyLaw, Any, bool]]:
+        """Go through the springs of a storey that yields: law and parameters of each, and whether it is infill."""
+        yields = math.isfinite((self.yield_strengths or (math.inf,) * self.n_storeys)[storey])
+        walls = self.infill_elements if self.infill_stiffnesses[storey] else ()
+        for is_infill, elements in ((False, self.elements if yields else (DEFAULT.Parameters(),)), (True, walls)):
+            for element in elements:
+                yield STOREY_LAWS[element.law], of_storey(element, storey), is_infill
+
+    @property
+    def infill_elements(self) -> tuple[Any, ...]:
+        """Parameters of the storey law of the infill; none without it."""
+        return () if self.infill is None else (self.infill.hysteresis or DEFAULT.Parameters(),)
+
+    def of_infill(self, name: str) -> tuple[float, ...]:
+        """Return numbers of the infill of each storey, zeros without it."""
+        values = getattr(self.infill, name, 0.0)
+        return values if isinstance(values, tuple) else (values,) * len(self.masses)
 
     @property
     def on_isolators(self) -> bool:

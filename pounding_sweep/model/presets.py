@@ -123,7 +123,8 @@ def base_isolated(
     soft = total * w**2
     stiff = soft + strength / yield_drift
     share = 2.0 * float(np.ravel(building.damping_ratio)[0]) / float(building.frequencies[0])
-    k_and_c = zip(building.stiffnesses, building.dashpots or (0.0,) * n, strict=True)
+    walls = {name: [0.0, *building.of_infill(name)] for name in ("stiffnesses", "yield_strengths", "hardening")}
+    k_and_c = zip(np.add(building.stiffnesses, walls["stiffnesses"][1:]), building.dashpots or (0.0,) * n, strict=True)
     assert building.storey_heights is not None
     first_yield, first_hardening = (stiff * yield_drift, soft / stiff) if strength else (math.inf, 0.0)
     storeys = building.yield_strengths or [math.inf] * n
@@ -135,6 +136,7 @@ def base_isolated(
         storey_heights=[height, *building.storey_heights],
         yield_strengths=[first_yield, *storeys] if strength or any(building.yields) else None,
         hardening=[first_hardening, *building.hardenings] if any(building.yields) else first_hardening,
+        infill=replace(building.infill, **walls) if building.infill else None,
         damping_stiffness="initial",
         slab_depths=None if building.slab_depths is None else [0.0, *building.slab_depths],
         column_stiffnesses=None if building.column_stiffnesses is None else [stiff, *building.column_stiffnesses],

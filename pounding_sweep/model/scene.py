@@ -44,7 +44,7 @@ from pounding_sweep.model.meeting import (
     effective_mass,
     meetings,
 )
-from pounding_sweep.model.storeys import STOREY_LAWS, StoreyLaw, of_storey
+from pounding_sweep.model.storeys import StoreyLaw
 
 
 @checked
@@ -153,6 +153,7 @@ class Spring(NamedTuple):
     floor: int  # degree of freedom above it
     law: StoreyLaw
     parameters: Any  # of the law
+    is_infill: bool  # it stands beside the storey's own
 
 
 class LinkedFloors(NamedTuple):
@@ -565,10 +566,10 @@ class Scene:
     def springs(self) -> tuple[Spring, ...]:
         """Elements of storeys that follow a storey law, bottom first."""
         return tuple(
-            Spring(first + storey, law.variant(law.compiled(parameters)), parameters)
+            Spring(first + storey, law.variant(law.compiled(parameters)), parameters, is_infill)
             for building, first in zip(self.buildings, self.offsets, strict=False)
             for storey in np.flatnonzero(building.yields).tolist()
-            for law, parameters in ((STOREY_LAWS[x.law], of_storey(x, storey)) for x in building.elements)
+            for law, parameters, is_infill in building.springs_of(storey)
         )
 
     @cached_property

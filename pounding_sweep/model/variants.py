@@ -28,6 +28,8 @@ from pounding_sweep.model.meeting import column_softness, effective_mass
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.storeys import Numbers
 
+#: Drift (m) of storeys that never yield or fall, in kernels.
+ELASTIC = 1e30
 #: Rows of linked buildings whose modes are found at a time.
 _BLOCK = 4096
 #: By number format: what rounding takes of a number, the largest error of modes that nearly coincide, and shares by
@@ -108,6 +110,9 @@ class Variants:
                 changed["stiffness_matrix"] = mass * (item.lateral_matrix / period**2 + weights)
             if item.damping_matrix is not None:
                 changed["damping_matrix"] = mass / period * np.array(item.damping_matrix)
+            if item.infill is not None:
+                walls = [x[row, floors].tolist() for x in (self.infill_stiffnesses, self.infill_strengths)]
+                changed["infill"] = replace(item.infill, stiffnesses=walls[0], yield_strengths=walls[1])
             ratio = "damping_ratio" if item.modal_damping is None else "modal_damping"
             varied = {ratio: self.damping_ratio[row], "hardening": self.hardening[row, b]}
             changed |= {name: float(value) for name, value in varied.items() if not np.isnan(value)}
@@ -133,6 +138,9 @@ class Variants:
     #: Yield strengths (kN), infinite where storeys never yield, and dashpots of storeys (kN s/m).
     yield_strengths = _scaled(lambda b: b.yield_strengths or (math.inf,) * b.n_storeys, mass=1, strength=1)
     dashpots = _scaled(lambda b: b.dashpots or (0.0,) * b.n_storeys, mass=1, period=1)
+    #: Stiffnesses (kN/m) and strengths (kN) of infill, zeros without it.
+    infill_stiffnesses = _scaled(lambda b: b.infill_stiffnesses, mass=1, period=2)
+    infill_strengths = _scaled(lambda b: b.of_infill("yield_strengths"), mass=1, strength=1)
     #: Masses (t) and moments of inertia (t m2) of foundations, their stiffnesses (kN/m, kN m/rad) and dashpots.
     base_masses = _of_base("masses", mass=1)
     base_stiffnesses = _of_base("stiffnesses", mass=1, period=2)
@@ -151,8 +159,13 @@ class Variants:
 
     @cached_property
     def elastic_stiffnesses(self) -> np.ndarray:
-        """Stiffnesses of the storeys themselves (kN/m), shape (n, floors)."""
-        return np.asarray(self.stiffnesses + self.geometric_stiffnesses)
+        """Stiffnesses of the storeys themselves (kN/m), without infill, shape (n, floors)."""
+        return np.asarray(self.own_stiffnesses + self.geometric_stiffnesses)
+
+    @cached_property
+    def own_stiffnesses(self) -> np.ndarray:
+        """Lateral stiffnesses of storeys (kN/m) without infill, shape (n, floors)."""
+        return np.asarray(self.stiffnesses - self.infill_stiffnesses)
 
     @cached_property
     def yield_drifts(self) -> np.ndarray:
@@ -167,10 +180,15 @@ class Variants:
         return np.asarray(np.where(np.isnan(varied), of_scene, varied))
 
     @cached_property
+    def infill_hardenings(self) -> np.ndarray:
+        """Hardening of infill, shape (1, floors)."""
+        return np.concatenate([b.of_infill("hardening") for b in self.scene.buildings])[None]
+
+    @cached_property
     def hardenings(self) -> np.ndarray:
         """Lateral stiffness of storeys that yield over their elastic one, with P-Delta negative where they soften."""
         geometric, elastic = self.geometric_stiffnesses, self.elastic_hardenings
-        left = (elastic * self.elastic_stiffnesses - geometric) / self.stiffnesses
+        left = (elastic * self.elastic_stiffnesses - geometric) / self.own_stiffnesses
         return np.asarray(np.where((geometric > 0.0) & np.isfinite(self.yield_strengths), left, elastic))
 
     def dense(self, name: str) -> np.ndarray:
@@ -201,11 +219,14 @@ class Variants:
     @cached_property
     def spring_numbers(self) -> list[Numbers]:
         """What storey laws ask of each spring, shape (n,) each."""
-        numbers = []
-        for i, _, element in self.scene.springs:
+        numbers, storeys = [], (self.own_stiffnesses, self.hardenings, self.yield_drifts)
+        with np.errstate(divide="ignore", invalid="ignore"):  # of storeys without it
+            infill = self.infill_stiffnesses, self.infill_hardenings, self.infill_strengths / self.infill_stiffnesses
+        for i, _, element, is_infill in self.scene.springs:
             stiffness, drift = element.stiffness_share, element.strength_share / element.stiffness_share
-            k, r, dy = (table[:, i] for table in (self.stiffnesses, self.hardenings, self.yield_drifts))
-            numbers.append(Numbers(stiffness * k, r, drift * dy, stiffness * self.geometric_stiffnesses[:, i]))
+            k, r, dy = (table[:, i] for table in (infill if is_infill else storeys))
+            weights = 0.0 if is_infill else stiffness * self.geometric_stiffnesses[:, i]
+            numbers.append(Numbers(stiffness * k, r, np.minimum(drift * dy, ELASTIC), weights))
         return numbers
 
     @cached_property
@@ -213,7 +234,7 @@ class Variants:
         """Constants of storey laws by name, shape (n, springs), zero for springs of other laws."""
         springs, result = self.scene.springs, dict[str, np.ndarray]()
         for e, (spring, numbers) in enumerate(zip(springs, self.spring_numbers, strict=True)):
-            share = {"stiffness_share": spring.parameters.stiffness_share}
+            share = {"stiffness_share": numbers.stiffness / self.stiffnesses[:, spring.floor]}
             for name, values in (spring.law.values(spring.parameters, numbers) | share).items():
                 result.setdefault(name, np.zeros((len(self), len(springs))))[:, e] = values
         return result

@@ -350,7 +350,7 @@ def _residual(results: KernelResults) -> np.ndarray:
     for e, spring in enumerate(results.scene.springs if "slip" in results.slots else ()):
         values = {name: numbers[:, e] for name, numbers in constants.items()} | {"slip": results.slots["slip"][:, e]}
         stiffness = results.variants.spring_numbers[e].stiffness
-        alone = spring.parameters.stiffness_share == 1.0  # of several elements it is not known
+        alone = (constants["stiffness_share"][:, e] == 1.0).all()  # of several springs it is not known
         rest[:, spring.floor] = spring.law.residual(Sampled(stiffness, values)) if alone else np.nan
     if "collapse_time" in results.slots:  # where a storey falls, the row is still in motion
         rest = np.where((results.slots["collapse_time"] >= 0.0).any(axis=1, keepdims=True), np.nan, rest)
