@@ -237,6 +237,11 @@ def test_sliders_change_what_is_drawn_to_values_of_the_cube(browser, tmp_path):
     browser.set("#up", "law")
     count = largest(cube["impact_count"].isel(at))
     same(browser.traces()[0]["z"], count.transpose("law", "gap").values)
+    browser.set("#up", "building")  # which is not offered, as this output has none
+    assert browser.text("#note") == "impact_count has no axis building: values along it are equal"
+    offered = browser.run("return [...document.querySelectorAll('#up option:enabled')].map((option) => option.value)")
+    assert {"gap", "storey"} < {*offered}
+    assert "building" not in offered
     browser.check(tmp_path / "a.html")
 
 
@@ -284,16 +289,25 @@ def test_the_worst_scenarios_are_those_of_the_cube(browser, tmp_path):
     cube["run"] = (
         cube["status"].astype(np.int32).copy(data=np.arange(1, cube["status"].size + 1).reshape(cube["status"].shape))
     )
-    cube["run"][{"restitution": 1}] = cube["run"][{"restitution": 0}]  # one run for both
-    force = cube["impact_force_max"]
-    force[{"restitution": 1}] = force[{"restitution": 0}]
+    for name in ("run", "impact_force_max", "displacement_max"):
+        cube[name][{"restitution": 1}] = cube[name][{"restitution": 0}]  # one run for both
     browser.open(ps.view(cube, tmp_path / "a.html"))
-    expected = np.sort(largest(force.isel(restitution=0)).values.ravel())[::-1][:25]
-    rows = browser.run("return [...document.querySelectorAll('#worst button')].map((button) => button.textContent)")
-    np.testing.assert_allclose([float(row.split()[0]) for row in rows], expected, rtol=1e-5)
-    browser.run("document.querySelectorAll('#worst button')[3].click()")
-    time.sleep(0.1)
-    assert float(largest(select(cube, dict(browser.scenario()))["impact_force_max"])) == pytest.approx(expected[3])
+
+    def check(name, expected):
+        rows = browser.run("return [...document.querySelectorAll('#worst button')].map((button) => button.textContent)")
+        np.testing.assert_allclose([float(row.split()[0]) for row in rows], expected[:25], rtol=1e-5)
+        browser.run("document.querySelectorAll('#worst button')[3].click()")
+        time.sleep(0.1)
+        return select(cube, dict(browser.scenario()))[name]
+
+    expected = np.sort(largest(cube["impact_force_max"].isel(restitution=0)).values.ravel())[::-1]
+    assert float(largest(check("impact_force_max", expected))) == pytest.approx(expected[3])
+    browser.set("#by", "displacement_max")
+    browser.set("#order", "smallest")
+    motion = cube["displacement_max"].isel(restitution=0).min(["building", "storey"])
+    expected = np.sort(motion.values.ravel())
+    assert float(check("displacement_max", expected).min()) == pytest.approx(expected[3])
+    assert browser.text("#output option:checked") == "largest contact force"
 
 
 def test_what_is_not_ok_is_marked(browser, tmp_path):

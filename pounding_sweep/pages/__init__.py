@@ -6,7 +6,6 @@ import base64
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -48,12 +47,10 @@ def write_page(template: str, path: Path, **contents: Any) -> Path:
 
     In templates the filter ``base64`` is for the bytes of a picture.
     """
-    from jinja2 import Environment, FunctionLoader, StrictUndefined
+    from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    loader = FunctionLoader(lambda name: files("pounding_sweep").joinpath(*name.split("/")).read_text("utf-8"))
-    environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
+    environment = Environment(loader=PackageLoader("pounding_sweep", "."), autoescape=True, undefined=StrictUndefined)
+    environment.trim_blocks = environment.lstrip_blocks = True
     environment.filters["base64"] = lambda data: base64.b64encode(data).decode("ascii")
     page = environment.get_template(template).render(**contents)
     with replacing(path) as temporary:

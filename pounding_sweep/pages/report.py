@@ -183,13 +183,9 @@ def _motions(cube: xr.Dataset, sweep: dict[str, Any], folders: Any) -> Section:
     section, rows = Section("Ground motions"), []
     names = {*np.atleast_1d(cube["record"].values).tolist()}
     for item in json.loads(cube.attrs["records"]):
-        numbers = (
-            item["pga"] / STANDARD_GRAVITY,
-            *(item[key] for key in ("pgv", "significant_duration", "duration", "dt")),
-        )
+        numbers = item["pga"] / STANDARD_GRAVITY, *map(item.get, ("pgv", "significant_duration", "duration", "dt"))
         if item["name"] in names:
-            source = item["source"].partition(": ")[0]
-            rows.append([record_name(item["name"]), *map(_cell, numbers), source])
+            rows.append([record_name(item["name"]), *map(_cell, numbers), item["source"].partition(": ")[0]])
     headings = "record|PGA (g)|PGV (m/s)|significant duration (s)|duration (s)|dt (s)|source"
     section.add_table("As they are at scale 1", headings, rows)
     try:
@@ -208,10 +204,9 @@ def _scenarios(cube: xr.Dataset, content: dict[str, Any]) -> Section:
     section, rows = Section("What was computed"), []
     for dim in scenario_dims(cube):
         axis = content["dims"][dim]
-        numbers, joint = (
-            (axis["values"], ", ") if axis["size"] <= _LISTED else (axis["values"][:: axis["size"] - 1], " to ")
-        )
-        rows.append([dim, axis["long_name"], str(axis["size"]), axis["units"], joint.join(map(_cell, numbers))])
+        step, joint = (1, ", ") if axis["size"] <= _LISTED else (axis["size"] - 1, " to ")
+        which = joint.join(map(_cell, axis["values"][::step]))
+        rows.append([dim, axis["long_name"], str(axis["size"]), axis["units"], which])
     section.add_table("Axes", "axis||values|unit|which", rows)
     if "law_formula" in cube.coords and cube["law"].dims == ("law",):
         laws = zip(cube["law"].values, cube["law_formula"].values, strict=True)

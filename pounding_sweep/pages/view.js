@@ -8,6 +8,7 @@ const size = (dim) => dims[dim].values.length;
 const range = (n) => Array.from({ length: n }, (_, i) => i);
 const isText = (values) => values.some((value) => typeof value === "string");
 const MOST_ROWS = 25;
+const ORDERS = { size: Math.abs, largest: (value) => value, smallest: (value) => -value }; // the larger, the worse
 const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6bb1", "#999999"];
 
 // --- values ---
@@ -43,8 +44,8 @@ for (const field of Object.values(fields)) {
 }
 
 // Return what reads a field at an offset along the axes `across`. Of others the value is the one of `at`; where that is
-// -1, of all buildings, pairs or storeys, the value of the largest size, and `where` receives its place.
-function reader(name, at, across = []) {
+// -1, of all buildings, pairs or storeys, the first in an order, and `where` receives its place.
+function reader(name, at, across = [], order = ORDERS.size) {
   const { step, dims: own } = fields[name];
   let places = [0];
   for (const dim of own.filter((each) => !across.includes(each))) {
@@ -55,7 +56,7 @@ function reader(name, at, across = []) {
     let best = NaN;
     for (const place of places) {
       const value = loaded[name][offset + place];
-      if (Math.abs(value) > Math.abs(best) || Number.isNaN(best)) {
+      if (order(value) > order(best) || Number.isNaN(best)) {
         best = value;
         where.place = offset + place;
       }
@@ -73,9 +74,9 @@ const placeOf = (name, offset, own) =>
 function axisOf(name) {
   const plain = (value) => (typeof value === "string" ? escaped(value) : value);
   if (dims[name]) return { name, dim: name, about: dims[name], values: dims[name].values.map(plain) };
-  const { dims: own, labels, input } = fields[name];
+  const { labels, input } = fields[name];
   const values = input ? Array.from(loaded[name], (value) => plain(labels ? labels[value] : value)) : [];
-  return { name, dim: own[0], about: fields[name], values };
+  return { name, dim: dimOf(name), about: fields[name], values };
 }
 
 // --- words ---
@@ -89,18 +90,14 @@ const escaped = (text) => text.replaceAll("&", "&amp;").replaceAll("<", "&lt;");
 const quoted = (text) => (/^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\"'\"'")}'`);
 const endOf = (code) => cube.statuses.find((end) => end.status === code);
 
-function element(tag, text, more = {}) {
+function element(tag, contents, more = {}) {
   const made = Object.assign(document.createElement(tag), more);
-  made.textContent = text;
+  made.append(...contents);
   return made;
 }
 
-function tableRow(tag, cells, button = null) {
-  const row = element("tr", "");
-  row.append(...cells.map((cell) => element(tag, cell)));
-  if (button) row.cells[0].append(button);
-  return row;
-}
+const cellsOf = (tag, contents) => contents.map((content) => element(tag, [content]));
+const tableRow = (tag, contents) => element("tr", cellsOf(tag, contents));
 
 // --- state ---
 
@@ -119,13 +116,17 @@ function refresh(place = {}, changesSearch = false) {
   frameRequest = requestAnimationFrame(draw);
 }
 
+const dimOf = (name) => (dims[name] ? name : fields[name].dims[0]);
+const lacks = (output, name) => !fields[output].dims.includes(dimOf(name));
+
 function showControls() {
+  for (const option of $("choices").querySelectorAll(":is(#across, #per, #up) [value]:not([value=''])"))
+    option.disabled = lacks(chosen("output"), option.value);
   for (const control of $("controls").querySelectorAll("[data-dim]")) {
     const { dim } = control.dataset;
     control.value = at[dim];
-    if (control.type !== "range")
-      control.disabled = innerDims.includes(dim) && !fields[chosen("output")].dims.includes(dim);
-    else {
+    control.disabled = lacks(chosen("output"), dim);
+    if (control.type === "range") {
       const text = worded(dims[dim], dims[dim].values[at[dim]]);
       control.parentElement.querySelector("output").textContent = text;
       control.setAttribute("aria-valuetext", text);
@@ -194,8 +195,7 @@ function lines(name, x, per) {
     bad.push(...points.filter((point) => point.code));
     const hovertemplate = `${hoverLine(x, "x")}<br>${hoverLine(y, "y")}<extra>${labelOf(label)}</extra>`;
     const mode = x.name !== x.dim || isText(x.values) ? "markers" : "lines+markers";
-    const look = { marker: { color, size: 5 }, line: { color } };
-    return traceOf(points, { name: labelOf(label), mode, hovertemplate, ...look });
+    return traceOf(points, { name: labelOf(label), mode, hovertemplate, marker: { color, size: 5 }, line: { color } });
   });
   const known = bad.filter((point) => point.z !== null);
   const lost = bad.filter((point) => point.z === null).map((point) => ({ ...point, y: 0.02 }));
@@ -265,7 +265,9 @@ function drawFigure(name) {
   const ends = cube.statuses.map((end) => [read.codes.filter((code) => code === end.status).length, end]);
   const bad = ends.filter(([n, end]) => n && end.status).map(([n, end]) => `${n} ${end.label}`);
   const how = isMap() ? "hatched or ringed" : "ringed, those without a value as crosses at the foot";
+  const equal = [x, second].filter((axis) => axis && lacks(name, axis.name)).map((axis) => axis.name);
   const notes = [read.hasValue ? "" : `${name} has no value here`, read.note];
+  if (equal.length) notes.push(`${name} has no axis ${equal.join(" and ")}: values along it are equal`);
   if (bad.length) notes.push(`Of ${read.codes.length} points ${bad.join(", ")}: ${how}`);
   $("note").textContent = notes.filter(Boolean).join(". ");
 }
@@ -333,12 +335,13 @@ function drawScenario() {
 }
 
 function drawWorst(name) {
-  const read = reader(name, { ...at, ...Object.fromEntries(scenarioDims.map((dim) => [dim, 0])) });
+  const order = ORDERS[chosen("order")];
+  const read = reader(name, { ...at, ...Object.fromEntries(scenarioDims.map((dim) => [dim, 0])) }, [], order);
   const step = fields[name].step[scenarioDims.at(-1)];
   const worst = [];
   for (let i = 0; i < cube.scenarios; i++) {
-    const value = Math.abs(read(i * step));
-    if (!(value > (worst.length < MOST_ROWS ? -1 : worst.at(-1).value))) continue;
+    const value = order(read(i * step));
+    if (!(value > (worst.length < MOST_ROWS ? -Infinity : worst.at(-1).value))) continue;
     const run = loaded.run?.[i];
     if (run && worst.some((other) => other.run === run)) continue; // one that differs in nothing that counts
     worst.push({ value, i, run });
@@ -349,11 +352,10 @@ function drawWorst(name) {
   const inputs = scenarioDims.includes("case") ? cube.inputs.filter((each) => !fields[each].labels).slice(0, 6) : [];
   const rows = worst.map(({ i }) => {
     const place = placeOf("status", i, scenarioDims);
-    const more = { type: "button", onclick: () => refresh(place) };
-    const button = element("button", worded(fields[name], read(i * step)), more);
+    const button = element("button", [worded(fields[name], read(i * step))], { onclick: () => refresh(place) });
     const cells = axes.map((dim) => worded(dims[dim], dims[dim].values[place[dim]]));
     cells.push(...inputs.map((each) => worded(fields[each], loaded[each][i])), endOf(loaded.status[i]).label);
-    return tableRow("td", ["", ...cells], button);
+    return tableRow("td", [button, ...cells]);
   });
   $("worst-title").textContent = `Worst scenarios by ${fields[name].long_name}`;
   $("worst").replaceChildren(tableRow("th", [name, ...axes, ...inputs, "status"]), ...rows);
@@ -366,13 +368,13 @@ function draw() {
   drawFigure(name);
   drawRow(name);
   drawScenario();
-  if (searchIsStale) drawWorst(name);
+  if (searchIsStale) drawWorst(chosen("by") || name);
   searchIsStale = false;
 }
 
 // --- start ---
 
-document.head.append(element("script", new TextDecoder().decode(await unpack("plotly"))));
+document.head.append(element("script", [new TextDecoder().decode(await unpack("plotly"))]));
 await Promise.all(["status", "run", cube.output, ...cube.inputs].map(load));
 Object.assign(at, drawWorst(cube.output));
 showControls();
@@ -380,11 +382,9 @@ drawFigure(cube.output);
 document.body.dataset.drawn = Math.round(performance.now());
 await Promise.all(Object.keys(fields).map(load));
 draw();
-for (const control of $("controls").querySelectorAll("[data-dim]")) {
-  const { dim } = control.dataset;
-  control.addEventListener("input", () => refresh({ [dim]: Number(control.value) }, innerDims.includes(dim)));
-}
-$("choices").addEventListener("input", ({ target }) => refresh({}, target.id === "output"));
+document.addEventListener("input", ({ target: { dataset, value } }) =>
+  refresh(dataset.dim ? { [dataset.dim]: Number(value) } : {}, !scenarioDims.includes(dataset.dim)),
+);
 $("figure").on("plotly_click", ({ points: [{ pointIndex, curveNumber }] }) =>
   refresh([pointIndex].flat().reduce((places, i) => places[i], drawn[curveNumber])),
 );

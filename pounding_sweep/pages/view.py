@@ -10,17 +10,23 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
+from pounding_sweep.analysis.rebuild import stored_sweep
+from pounding_sweep.analysis.scenarios import scenario_dims
 from pounding_sweep.base.errors import InputError, check_choice, checked_arguments
 from pounding_sweep.base.files import FilePath, expanded
 from pounding_sweep.base.text import counts_text, finite
+from pounding_sweep.output.audited import errors_sentence
+from pounding_sweep.output.describe import about, statuses
+from pounding_sweep.output.netcdf import check_output, with_texts
+from pounding_sweep.output.select import select
 from pounding_sweep.pages import write_page
-
-if TYPE_CHECKING:
-    import xarray as xr
+from pounding_sweep.request.spec import scene_of
+from pounding_sweep.variables.registry import INNER_DIMS
 
 #: Numbers that a page holds at most, and up to which they are kept as float32; beyond they are rounded.
 MOST_NUMBERS, MOST_EXACT = 5_000_000, 1_000_000
@@ -83,19 +89,13 @@ def view(
     ...     ps.view(cube, f"{folder}/gaps.html").name
     'gaps.html'
     """
-    from pounding_sweep.output.netcdf import check_output, with_texts
-    from pounding_sweep.output.select import select
-
-    plotly = _packed_plotly()
+    packed = {"plotly": _packed_plotly()}
     file = Path(cube.encoding.get("source", "CUBE.nc"))
     path = expanded(file.with_suffix(".html").name if out is None else out)
     check_output(path, overwrite=True, netcdf=False)
-    content, packed = _content(select(with_texts(cube), at or {}, [*map(str, cube.dims)]), names, file.name)
-    folder = files("pounding_sweep").joinpath("pages")
-    style, script = (folder.joinpath(name).read_text("utf-8") for name in ("view.css", "view.js"))
+    content = _content(select(with_texts(cube), at or {}, [*map(str, cube.dims)]), names, file.name, packed)
     text = json.dumps(content, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
-    packed["plotly"] = plotly
-    return write_page("pages/view.html.j2", path, **content, style=style, script=script, json=text, packed=packed)
+    return write_page("pages/view.html.j2", path, **content, json=text, packed=packed)
 
 
 @cache
@@ -115,12 +115,8 @@ def _pack(content: bytes) -> str:
     return base64.b64encode(zlib.compress(content, 6)).decode("ascii")
 
 
-def _content(cube: xr.Dataset, names: Sequence[str] | None, file: str) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return what a page says of a cube, as JSON holds it, and packed values by field."""
-    from pounding_sweep.analysis.scenarios import scenario_dims
-    from pounding_sweep.output.describe import about, statuses
-    from pounding_sweep.variables.registry import INNER_DIMS
-
+def _content(cube: xr.Dataset, names: Sequence[str] | None, file: str, packed: dict[str, str]) -> dict[str, Any]:
+    """Return what a page says of a cube, as JSON holds it; the values of fields go into `packed`."""
     dims = scenario_dims(cube["status"]) if "status" in cube.data_vars else ()
     if not dims:
         raise InputError("a page is made of a cube of 'pounding-sweep run'; this file has no statuses of scenarios")
@@ -136,7 +132,7 @@ def _content(cube: xr.Dataset, names: Sequence[str] | None, file: str) -> tuple[
     count = sum(cube[name].size for name in (*outputs, *inputs))
     if count > MOST_NUMBERS:
         raise InputError(_too_large(cube, outputs, count))
-    described, fields, packed = about(cube), dict[str, Any](), dict[str, str]()
+    described, fields = about(cube), dict[str, Any]()
     for name in (*outputs, *inputs):
         part = cube[name].transpose(*dims, ..., missing_dims="ignore")
         labels, values = _numbers(part)
@@ -151,17 +147,16 @@ def _content(cube: xr.Dataset, names: Sequence[str] | None, file: str) -> tuple[
         raise InputError(
             f"a page needs a variable of numbers; this cube, as far as it is chosen, has {', '.join(outputs)}"
         )
-    content = {key: described[key] for key in ("title", "history", "versions", "row", "scenarios")} | {
+    return {key: described[key] for key in ("title", "history", "versions", "row", "scenarios")} | {
         **{"file": file, "fields": fields, "scenario_dims": dims, "outputs": drawn},
         "dims": {dim: described["dims"][dim] for dim in (*dims, *INNER_DIMS) if dim in described["dims"]},
         "statuses": statuses(cube["status"], cube.get("unsettled_output", ())),
         "accuracy": finite(cube.attrs.get("accuracy")),
-        "errors": _errors(cube),
+        "errors": errors_sentence(cube, cube.attrs),
         **{"numbers": count, "rounded": count > MOST_EXACT},
         **_choices(cube, dims, drawn, inputs),
         **_of_sweep(cube, file),
     }
-    return content, packed
 
 
 def _numbers(part: xr.DataArray) -> tuple[list[str] | None, np.ndarray]:
@@ -197,8 +192,6 @@ def _too_large(cube: xr.Dataset, outputs: Sequence[str], count: int) -> str:
 
 def _choices(cube: xr.Dataset, dims: Sequence[str], drawn: Sequence[str], inputs: Sequence[str]) -> dict[str, Any]:
     """Return what can be drawn along, and what is drawn first."""
-    from pounding_sweep.variables.registry import INNER_DIMS
-
     axes = [dim for dim in (*dims, *INNER_DIMS) if cube.sizes.get(dim, 1) > 1]
     unique = {name: np.unique(cube[name]).size for name in inputs if cube[name].ndim == 1}
     along = [name for name, size in unique.items() if size > 1 and not name.startswith("design_")]
@@ -212,18 +205,8 @@ def _choices(cube: xr.Dataset, dims: Sequence[str], drawn: Sequence[str], inputs
         **{"axes": axes, "few": few, "inputs": along, "across": across, "most_lines": _MOST_LINES},
         "output": output,
         "per": next((name for name in _PER if name in few), ""),
-        "up": next((name for name in (*numbers, *axes) if name != across), ""),
+        "up": next((name for name in (*numbers, *varying, *axes) if name != across), ""),
     }
-
-
-def _errors(cube: xr.Dataset) -> str:
-    """Say how large the errors of a cube are; "" of a part that lacks what was measured."""
-    from pounding_sweep.output.audited import errors_sentence
-
-    try:
-        return errors_sentence(cube, cube.attrs)
-    except KeyError:
-        return ""
 
 
 #: Pixels of the drawn row: its height, a building, a wall, what is between two, and room above and beside.
@@ -232,9 +215,6 @@ _TALL, _BUILDING, _WALL, _BETWEEN, _ABOVE, _BESIDE = 230.0, 110, 18, 50, 30, 20
 
 def _of_sweep(cube: xr.Dataset, file: str) -> dict[str, Any]:
     """Return the row as it is drawn, and the command that replays a scenario; of a cube without its sweep neither."""
-    from pounding_sweep.analysis.rebuild import stored_sweep
-    from pounding_sweep.request.spec import scene_of
-
     if "sweep" not in cube.attrs:
         return {"members": [], "spots": {}, "width": 0, "command": "", "chosen": []}
     sweep = stored_sweep(cube)
@@ -250,8 +230,8 @@ def _of_sweep(cube: xr.Dataset, file: str) -> dict[str, Any]:
         levels = [*map(float, getattr(item, "levels", ()))]  # of a wall there are none
         width = _BUILDING if levels else _WALL
         floors, base = [*map(height, levels)], height(getattr(item, "base_elevation", low))
-        members.append({"name": item.name, "x": x, "width": width, "floors": floors, "base": base})
-        members[-1]["roof"] = floors[-1] if levels else _ABOVE
+        roof = floors[-1] if levels else _ABOVE
+        members.append({"name": item.name, "x": x, "width": width, "floors": floors, "base": base, "roof": roof})
         x += width + _BETWEEN
     spots = dict[str, list[Any]]()
     by_name = {member["name"]: member for member in members if member["floors"]}
