@@ -7,7 +7,6 @@ import fcntl
 import json
 import os
 import re
-import shutil
 from concurrent.futures import ThreadPoolExecutor
 from unittest.mock import Mock
 
@@ -468,11 +467,20 @@ def test_files_written_side_by_side_take_nothing_from_one_another(tmp_path):
     assert len(list(tmp_path.iterdir())) == 8 * 10
 
 
-def test_leftovers_are_moved_before_they_are_removed(tmp_path, monkeypatch):
-    """Who is just making such a folder must see that it is gone."""
+def test_a_folder_without_its_lock_is_no_leftover_before_a_minute(tmp_path, monkeypatch):
+    """Whoever looks for leftovers while one is made, before it is locked, leaves it alone."""
     (left := tmp_path / ".pounding_sweep-0.part").mkdir()
-    stayed, remove = [], shutil.rmtree
-    monkeypatch.setattr(files.shutil, "rmtree", lambda path, **how: (stayed.append(left.exists()), remove(path, **how)))
-    files.remove_leftovers(tmp_path)
-    assert stayed == [False]
-    assert not list(tmp_path.iterdir())
+    (left / "half.nc").touch()
+    os.utime(left, (0.0, 0.0))
+    acquire = files.acquire_lock
+
+    def acquire_late(folder, timeout=-1.0):
+        if timeout:  # else it is that of a leftover
+            files.remove_leftovers(tmp_path)
+            assert folder.exists()
+        return acquire(folder, timeout)
+
+    monkeypatch.setattr(files, "acquire_lock", acquire_late)
+    with files.replacing(tmp_path / "a.txt") as path:
+        path.write_text("whole", encoding="utf-8")
+    assert [file.name for file in tmp_path.iterdir()] == ["a.txt"]

@@ -7,6 +7,7 @@ import errno
 import os
 import secrets
 import shutil
+import time
 import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -25,8 +26,9 @@ FilePath = str | os.PathLike[str]
 ESCAPE_HINT = "in double quotes \\ begins an escape: write / in its place, or the text in single quotes"
 #: The lock file of a folder, and that of a drive that grants no locks (some NFS mounts).
 LOCK, SOFT_LOCK = "lock", "lock.soft"
-#: Names of what is being written; a random number stands for the star.
-TEMPORARY = ".pounding_sweep-*.part"
+#: Names of what is being written, where a random number stands for the star, and the age (s) of a leftover: younger
+#: ones may not have their lock yet.
+TEMPORARY, LEFT_AFTER = ".pounding_sweep-*.part", 60.0
 
 
 @cache
@@ -96,9 +98,9 @@ def remove_leftovers(folder: Path) -> None:
     """Remove from a folder what killed processes were writing there with `replacing`."""
     for left in folder.glob(TEMPORARY):
         with suppress(OSError), ExitStack() as contexts:
-            contexts.callback(acquire_lock(left, 0.0).release)
-            # moved first: whoever is just making it sees that it is gone, and no lock in it is taken for a new one
-            shutil.rmtree(left.rename(folder / _temporary_name()), ignore_errors=True)
+            if time.time() - left.stat().st_mtime > LEFT_AFTER:
+                contexts.callback(acquire_lock(left, 0.0).release)
+                shutil.rmtree(left, ignore_errors=True)
 
 
 @contextmanager
@@ -107,11 +109,9 @@ def replacing(path: Path, folder: Path | None = None) -> Iterator[Path]:
     with ExitStack() as contexts:
         if folder is None:
             remove_leftovers(path.parent)
-            while folder is None or not folder.exists():  # else somebody took it for a leftover before it was locked
-                folder = path.parent / _temporary_name()
-                folder.mkdir()
-                with suppress(FileNotFoundError, FileExistsError):
-                    contexts.callback(acquire_lock(folder).release)
+            folder = path.parent / _temporary_name()
+            folder.mkdir()
+            contexts.callback(acquire_lock(folder).release)
             contexts.callback(shutil.rmtree, folder, ignore_errors=True)
         temporary = folder / _temporary_name()
         try:
