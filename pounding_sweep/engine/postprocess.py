@@ -85,7 +85,9 @@ def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
             hard = np.where(r > 0.0, held / np.sqrt(r), np.inf)
         soft = (1.0 - variants.elastic_hardenings) * variants.yield_strengths
         slid = held + twice / soft
-        slid[:, [spring.floor for spring in scene.springs if not spring.law.bounds_drifts]] = np.inf
+        unbounded = [spring for spring in scene.springs if not (spring.law.bounds_drifts or spring.is_infill)]
+        slid[:, [spring.floor for spring in unbounded]] = np.inf
+        hard[:, [spring.floor for spring in unbounded if spring.law.can_fail]] = np.inf
         # no energy bounds the drift of one that softens under its weight, but the limit at which it falls, and rounding
         storeys = np.where(r < 0.0, 1.01 * variants.drift_limits, np.minimum(hard, slid))
     parts = np.split(storeys, scene.offsets[1:-1], axis=1)

@@ -98,6 +98,7 @@ def kernel_shape(
         "yields": any(yields),
         "shears": any(yields) or any("k" in building.letters for building in buildings),
         "falls": any(scene.falls),
+        "fails": any(spring.law.can_fail for spring in scene.springs),
         "linked": bool(scene.links),
         "founded": bool(scene.foundations),
     }
@@ -126,7 +127,9 @@ def kernel_shape(
         windows=windows and not history,
         hysteretic=tuple((x.floor, x.law.name, x.law.compiled(x.parameters)) for x in scene.springs),
         tangent=any(any(b.yields) and b.damping_stiffness == "tangent" for b in buildings),
+        infill=tuple(e for e, spring in enumerate(scene.springs) if spring.is_infill),
         falling=tuple(np.flatnonzero(scene.falls).tolist()),
+        limited=tuple(np.flatnonzero(np.isfinite(variants_of(scene).drift_limits)).tolist()),
         p_delta="shear" in wanted and any(b.p_delta and any(b.yields) for b in buildings),
         struck=tuple(c.struck for c in contacts) if any(c.struck >= 0 for c in contacts) else (),
         dashpots=tuple(np.flatnonzero(scene.dashed).tolist()),

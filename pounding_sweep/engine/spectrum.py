@@ -205,7 +205,7 @@ def strengths_for(row: Variants, record: Record, ductilities: Array, dt: float =
         """Return ductilities by strength factors of each building alone, shape (rows, any, buildings)."""
         n, m, _ = factors.shape
         strengths = np.where(np.isnan(factors), 1.0, factors).reshape(n * m, -1)
-        period, mass, ratio, _, hardening = (np.repeat(column, m, axis=0) for column in row.columns)
+        period, mass, ratio, _, hardening = (np.repeat(column, m, axis=0) for column in row.columns[:5])
         variants = Variants(scene, period, mass, ratio, strengths, hardening)
         one, gaps = np.ones(n * m), np.ones((n * m, len(scene.pair_names)))
         raw = kernel.run(record, scale=one, gaps=gaps, stiffness=one, restitution=one, variants=variants)

@@ -247,7 +247,7 @@ class Group:
                     own = {} if law.straight else law.series_rows(compiled, order)
                     rows |= {row: many * count for row, count in own.items()}
             rows |= dict.fromkeys(("span", "event_number", "event_target", "low", "high", "bends"), 1)
-            rows |= {"ruled_out": KINDS * (1 + bool(spec.falling)) * (nc + len(spec.hysteretic))}
+            rows |= {"ruled_out": KINDS * (1 + bool(spec.limited)) * (nc + len(spec.hysteretic))}
             rows |= {"swing": nb} if "transfer" in self.requested and self.touching else {}
         return rows
 
@@ -750,7 +750,7 @@ class StoreySpring(Elastic):
 
     def __init__(self, storey: Storey, code: Code) -> None:
         spec, i = storey.group.spec, storey.index
-        name, compiled, _ = code
+        name, compiled, _, is_infill = code
         numbers = spec.alike_springs[code]
         if isinstance(i, int):
             number: Index = numbers[i]
@@ -760,6 +760,7 @@ class StoreySpring(Elastic):
             number = Lookup([numbers.get(floor, 0) for floor in range(spec.n_dof)])[i]
         law = law_of(name, compiled)
         self.__dict__.update(storey=storey, number=number, law=law, compiled=compiled, group=storey.group)
+        self.__dict__["is_infill"] = is_infill
 
     def _place(self, name: str) -> Index:
         return self.number if name in self.group.spec.spring_names else self.storey.index

@@ -17,7 +17,7 @@ from pounding_sweep.kernel.group import Group, Storey, StoreySpring
 from pounding_sweep.kernel.roots import NEVER, course, crossing, cubic
 from pounding_sweep.kernel.types import ByFloor, Index, Lanes, Truths
 from pounding_sweep.lanes import Cell, fma, maximum, minimum, size, when_any, where, while_any
-from pounding_sweep.model.storeys import DriftGauge, SignGauge
+from pounding_sweep.model.storeys import FAILED, DriftGauge, SignGauge
 
 #: Rounds of Newton's method over the end of an implicit step; from within the reach two or three are enough.
 MAX_ROUNDS = 30
@@ -115,8 +115,8 @@ def is_yielding(group: Group) -> Truths:
 
 def gauges(spring: StoreySpring) -> list[DriftGauge | SignGauge]:
     """Return what ends the present branch of a spring, or the scenario as its storey falls."""
-    i, falling = spring.storey.index, spring.group.spec.falling
-    falls = falling and (i in falling if isinstance(i, int) else True)
+    i, limited = spring.storey.index, spring.group.spec.limited
+    falls = limited and (i in limited if isinstance(i, int) else True)
     return [*spring.law.gauges(spring), *([collapse.gauge(spring)] if falls else [])]
 
 
@@ -203,13 +203,15 @@ def apply_events(group: Group, lands: Truths, h: Lanes) -> Truths:
         due = lands & (turn < 1.0) & (turn <= group.state["fraction"] + group.limit.same_time)
         with when_any(due):
             enters = due
-            if group.spec.falling:
+            if group.spec.limited:
                 falls = spring.then == collapse.FALLEN
                 collapse.fall(spring, due & falls, h)
                 enters = due & ~falls
             spring.law.switch(spring, enters)
             if spring.law.straight:
                 _put_line(spring, enters)
+            if spring.law.can_fail:
+                collapse.fail(spring, enters & (spring.phase == FAILED), h)
         if spring.law.straight:
             switched.now |= due
     if group.spec.falling:

@@ -78,6 +78,8 @@ def conclude(group: Group, lanes: Truths, steps: Index) -> None:
         sound.now &= (size(s["u", i]) < DIVERGED) & (v - v == 0.0)
     flags = where(sound.now, 0.0, float(FLAG_DIVERGED))
     flags = flags + s["collapsed"] if spec.falling else flags
+    for spring in group.iter_springs() if "strength" in group.requested else ():
+        spring.put(lanes, strength_left=spring.law.strength_left(spring))
     if group.has_events:
         flags = flags + where(s["fallback"] > 0.0, float(FLAG_FALLBACK), 0.0)
         flags = flags + where(s["unsolved"] > 0.0, float(FLAG_UNSOLVED), 0.0)

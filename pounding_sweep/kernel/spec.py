@@ -18,8 +18,8 @@ from pounding_sweep.model.storeys import StoreyLaw, law_of
 LANES = 16
 
 
-#: Name and compiled parameters of a storey law, and which spring of a storey follows it.
-Code = tuple[str, tuple[float, ...], int]
+#: Name and compiled parameters of a storey law, which spring of a storey follows it, and whether it is infill.
+Code = tuple[str, tuple[float, ...], int, bool]
 #: Properties that may differ from lane to lane.
 VARIED = (
     *("m", "im", "k", "alpha", "beta", "reduced", "geometric", "dashpot", "longest"),
@@ -174,7 +174,9 @@ class KernelSpec:
     windows: bool = True
     #: elements of storeys that follow a storey law: degree of freedom above, name and compiled parameters of the law
     hysteretic: tuple[tuple[int, str, tuple[float, ...]], ...] = ()
-    falling: tuple[int, ...] = ()  # those of them whose storeys may fall
+    infill: tuple[int, ...] = ()  # numbers of those that are infill
+    falling: tuple[int, ...] = ()  # degrees of freedom whose storeys may fall
+    limited: tuple[int, ...] = ()  # those of them whose storeys fall at a drift
     tangent: bool = False  # dampers of some of them follow the tangent stiffness
     #: of each contact the side (0: left, 1: right) whose columns are struck, -1 where floors meet; () where none are
     #: struck
@@ -313,14 +315,14 @@ class KernelSpec:
         result: dict[Code, dict[int, int]] = {}
         for e, (floor, name, compiled) in enumerate(self.hysteretic):
             which = [other for other, *_ in self.hysteretic[:e]].count(floor)
-            result.setdefault((name, compiled, which), {})[floor] = e
+            result.setdefault((name, compiled, which, e in self.infill), {})[floor] = e
         return result
 
     @cached_property
     def spring_names(self) -> frozenset[str]:
         """Rows of state and constants that each spring has."""
         moving = [f"{name}0" for name in self.of_springs("moving")]
-        common = ("turn", "then", "travel", "flow", "rest")
+        common = ("turn", "then", "travel", "flow", "rest", "strength_left", "failure_time")
         return frozenset((*self.of_springs("rows"), *self.of_springs("constants"), *moving, *common))
 
     @property
@@ -439,7 +441,7 @@ def property_slots(shape: KernelSpec) -> Slots:
     count |= dict.fromkeys(shape.of_springs("constants"), len(shape.hysteretic))
     count |= {"tangent": floors} if shape.yielding and shape.tangent else {}
     count |= {"geometric": floors} if shape.p_delta else {}
-    count |= {"drift_limit": floors} if shape.falling else {}
+    count |= {"drift_limit": floors} if shape.limited else {}
     count |= dict.fromkeys(("cap", "newmark_beta", "newmark_gamma", "settles"), 1)
     # what the energy of a free vibration bounds displacements by, where no bounds of modes do
     count |= {} if shape.by_series else {"flexibility": floors}

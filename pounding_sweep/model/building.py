@@ -33,7 +33,7 @@ from pounding_sweep.model.faults import (
     one_or_several,
     set_fields,
 )
-from pounding_sweep.model.storeys import DEFAULT, STOREY_LAWS, Hysteresis, StoreyLaw, list_lengths, of_storey
+from pounding_sweep.model.storeys import DEFAULT, STOREY_LAWS, Hysteresis, StoreyLaw, law_of, list_lengths, of_storey
 
 #: Storey height where none is given (m).
 DEFAULT_STOREY_HEIGHT = 3.0
@@ -289,8 +289,10 @@ class Building:
     #: what the weights above take of each storey's lateral stiffness (kN/m), P / h, zeros without `p_delta`; what they
     #: leave of it (kN/m); and P / (k h)
     geometric_stiffnesses: tuple[float, ...] = derived()
-    #: drift (m) at which a storey falls, infinite where it never does: with `p_delta` the height of one that yields
+    #: drift (m) at which a storey falls, infinite where it never does: with `p_delta` the height of one that yields;
+    #: whether it may fall, at that drift or as its springs fail
     drift_limits: tuple[float, ...] = derived()
+    falls: tuple[bool, ...] = derived()
     lateral_stiffnesses: tuple[float, ...] = derived()
     storey_stiffnesses: tuple[float, ...] = derived()  # `stiffnesses`, NaN of a building by its matrix
     stability_coefficients: tuple[float, ...] = derived()
@@ -336,7 +338,7 @@ class Building:
                 if self.stiffness_matrix is not None:  # of what resists each drift alone
                     drifts = np.diff(np.eye(n), axis=0, prepend=0.0)
                     lateral = 1.0 / np.diag(drifts @ np.linalg.inv(self.lateral_matrix) @ drifts.T)
-                set_fields(self, lateral_stiffnesses=tuple(lateral.tolist()))
+                set_fields(self, lateral_stiffnesses=tuple(lateral.tolist()), falls=self._find_falls())
                 self._check_building(faults.add)
 
     def _scale_to_period(self) -> None:
@@ -368,6 +370,12 @@ class Building:
         """What weights leave of the lateral stiffness matrix (kN/m) of the floors on a fixed base."""
         drifts = np.diff(np.eye(self.n_storeys), axis=0, prepend=0.0)
         return np.asarray(self._without_weights - (drifts.T * self.geometric_stiffnesses) @ drifts)
+
+    def _find_falls(self) -> tuple[bool, ...]:
+        """Return whether each storey may fall."""
+        own = [[law for law, _, is_infill in self.springs_of(i) if not is_infill] for i in range(self.n_storeys)]
+        fails = [yields and all(law.can_fail for law in laws) for yields, laws in zip(self.yields, own, strict=True)]
+        return tuple(flag or math.isfinite(x) for flag, x in zip(fails, self.drift_limits, strict=True))
 
     def _check_parts(self, fault: Callable[[Place, str], None]) -> None:
         """Tell of parts that do not go together."""
@@ -480,7 +488,8 @@ class Building:
         walls = self.infill_elements if self.infill_stiffnesses[storey] else ()
         for is_infill, elements in ((False, self.elements if yields else (DEFAULT.Parameters(),)), (True, walls)):
             for element in elements:
-                yield STOREY_LAWS[element.law], of_storey(element, storey), is_infill
+                parameters = of_storey(element, storey)
+                yield law_of(element.law, STOREY_LAWS[element.law].compiled(parameters)), parameters, is_infill
 
     @property
     def infill_elements(self) -> tuple[Any, ...]:

@@ -413,7 +413,7 @@ class Scene:
             n_moving=sum(building.n_storeys + 2 * (building.foundation is not None) for building in buildings),
             offsets=(0, *itertools.accumulate(building.n_storeys for building in buildings)),
             yields=tuple(flag for building in buildings for flag in building.yields),
-            falls=tuple(math.isfinite(limit) for building in buildings for limit in building.drift_limits),
+            falls=tuple(flag for building in buildings for flag in building.falls),
             dashed=tuple(flag for building in buildings for flag in building.dashed),
             foundations=tuple(b for b, building in enumerate(buildings) if building.foundation is not None),
             has_classical_modes=not (self.links or any(item.has_coupled_modes for item in buildings)),
@@ -566,7 +566,7 @@ class Scene:
     def springs(self) -> tuple[Spring, ...]:
         """Elements of storeys that follow a storey law, bottom first."""
         return tuple(
-            Spring(first + storey, law.variant(law.compiled(parameters)), parameters, is_infill)
+            Spring(first + storey, law, parameters, is_infill)
             for building, first in zip(self.buildings, self.offsets, strict=False)
             for storey in np.flatnonzero(building.yields).tolist()
             for law, parameters, is_infill in building.springs_of(storey)

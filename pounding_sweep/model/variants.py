@@ -4,7 +4,9 @@
   dashpots / f, masses and strengths kept;
 - a mass factor multiplies its masses, stiffnesses, dashpots and strengths; both apply to its foundation too;
 - a damping ratio replaces the ratios of the first two modes of all buildings;
-- a strength factor multiplies the yield strengths of a building, a hardening replaces that of all its storeys.
+- a strength factor multiplies the yield strengths of a building, a hardening replaces that of all its storeys;
+- a ductility capacity factor multiplies the drifts at which its springs lose strength, a deterioration factor the
+  reference drifts of their cyclic deterioration.
 
 What dashpots and links couple has the state x = (Omega y, y') in the coordinates y of its undamped modes, and x' = A x
 - b ag. A pair z1, z2 of A's modes, conjugate or both real, with z' = lambda z - Gamma ag, moves like one classical
@@ -23,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.model.building import Building, Foundation
+from pounding_sweep.model.building import Building, Foundation, Infill
 from pounding_sweep.model.meeting import column_softness, effective_mass
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.storeys import Numbers
@@ -71,9 +73,13 @@ class Variants:
     #: Factors on all yield strengths, and hardening, NaN: the scene's own, shape (n, buildings).
     strength_factor: np.ndarray = None  # type: ignore[assignment]
     hardening: np.ndarray = None  # type: ignore[assignment]
+    #: Factors on drifts at which strength is lost, and on reference drifts of deterioration, shape (n, buildings).
+    ductility_capacity_factor: np.ndarray = None  # type: ignore[assignment]
+    deterioration_factor: np.ndarray = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        for name, default in (("strength_factor", 1.0), ("hardening", np.nan)):
+        ones = dict.fromkeys(("strength_factor", "ductility_capacity_factor", "deterioration_factor"), 1.0)
+        for name, default in (ones | {"hardening": np.nan}).items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.broadcast_to(default, np.shape(self.period_factor)))
 
@@ -90,7 +96,10 @@ class Variants:
     @property
     def columns(self) -> tuple[np.ndarray, ...]:
         """All properties, in the order of the arguments."""
-        return self.period_factor, self.mass_factor, self.damping_ratio, self.strength_factor, self.hardening
+        return (
+            *(self.period_factor, self.mass_factor, self.damping_ratio, self.strength_factor, self.hardening),
+            *(self.ductility_capacity_factor, self.deterioration_factor),
+        )
 
     def scene_of(self, row: int) -> Scene:
         """Return the scene whose buildings have the properties of a row themselves."""
@@ -110,9 +119,16 @@ class Variants:
                 changed["stiffness_matrix"] = mass * (item.lateral_matrix / period**2 + weights)
             if item.damping_matrix is not None:
                 changed["damping_matrix"] = mass / period * np.array(item.damping_matrix)
+            factors = float(self.ductility_capacity_factor[row, b]), float(self.deterioration_factor[row, b])
+            own, walls = (
+                [element.with_factors(*factors) for element in elements]
+                for elements in (item.elements, item.infill_elements)
+            )
+            if item.hysteresis is not None:
+                changed["hysteresis"] = own if isinstance(item.hysteresis, tuple) else own[0]
             if item.infill is not None:
-                walls = [x[row, floors].tolist() for x in (self.infill_stiffnesses, self.infill_strengths)]
-                changed["infill"] = replace(item.infill, stiffnesses=walls[0], yield_strengths=walls[1])
+                k, strengths = (x[row, floors].tolist() for x in (self.infill_stiffnesses, self.infill_strengths))
+                changed["infill"] = Infill(k, strengths, item.infill.hardening, item.infill.hysteresis and walls[0])
             ratio = "damping_ratio" if item.modal_damping is None else "modal_damping"
             varied = {ratio: self.damping_ratio[row], "hardening": self.hardening[row, b]}
             changed |= {name: float(value) for name, value in varied.items() if not np.isnan(value)}
@@ -219,14 +235,16 @@ class Variants:
     @cached_property
     def spring_numbers(self) -> list[Numbers]:
         """What storey laws ask of each spring, shape (n,) each."""
-        numbers, storeys = [], (self.own_stiffnesses, self.hardenings, self.yield_drifts)
+        numbers, of_floors = [], np.repeat(np.arange(len(self.scene.buildings)), np.diff(self.scene.offsets))
+        storeys = (self.own_stiffnesses, self.hardenings, self.yield_drifts)
         with np.errstate(divide="ignore", invalid="ignore"):  # of storeys without it
             infill = self.infill_stiffnesses, self.infill_hardenings, self.infill_strengths / self.infill_stiffnesses
         for i, _, element, is_infill in self.scene.springs:
             stiffness, drift = element.stiffness_share, element.strength_share / element.stiffness_share
             k, r, dy = (table[:, i] for table in (infill if is_infill else storeys))
             weights = 0.0 if is_infill else stiffness * self.geometric_stiffnesses[:, i]
-            numbers.append(Numbers(stiffness * k, r, np.minimum(drift * dy, ELASTIC), weights))
+            factors = (x[:, of_floors[i]] for x in (self.ductility_capacity_factor, self.deterioration_factor))
+            numbers.append(Numbers(stiffness * k, r, np.minimum(drift * dy, ELASTIC), weights, *factors))
         return numbers
 
     @cached_property

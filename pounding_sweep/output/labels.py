@@ -77,10 +77,10 @@ def product_coordinates(scene: Scene, axes: tuple[NamedAxis, ...]) -> Coordinate
 
 def row_coordinates(variants: Variants, dimension: str) -> Coordinates:
     """Return how the buildings vary along a dimension of listed scenarios, one of each row of `variants`."""
-    result: Coordinates = {}
+    result, names = Coordinates(), [building.name for building in variants.scene.buildings]
     for name, default in BUILDING_DEFAULTS.items():
-        if name not in ("strength_factor", "hardening") or any(variants.scene.yields):
-            values, axis = getattr(variants, name), _AXES[name]
+        values, axis = getattr(variants, name), _AXES[name]
+        if len(list(axis.requires(variants.scene, names, ()))) < len(names):  # some building may have it
             missing = "; missing where it is the building's own" if np.isnan(default) else ""
             dims = (dimension, "building")[: values.ndim]
             result[name] = coordinate(dims, values, axis.unit, f"{axis.long_name}{missing}")

@@ -154,6 +154,9 @@ def _factor_to_spectrum(value: float, record: Record, sa_period: float, **_: Any
 
 def _need_yielding(scene: Scene, _laws: Sequence[Any], _records: Sequence[Record]) -> Iterator[Fault]:
     """Tell a row that is elastic."""
+    if any(spring.law.can_fail for spring in scene.springs):
+        why = "storeys lose strength at drifts of their own, so that factors on strengths do not follow from a motion's"
+        yield ("ductilities",), f"{why}; give strength_factors, or leave it out"
     if not any(scene.yields):
         yield ("ductilities",), "no storey of this row yields; give its buildings yield_strengths, or leave it out"
 
@@ -163,6 +166,15 @@ def _need_strengths(scene: Scene, names: Sequence[str], _records: Sequence[Recor
     for building in scene.buildings:
         if building.name in names and building.yield_strengths is None:
             yield (building.name,), f"building {building.name!r} has no yield_strengths; give them, or leave it out"
+
+
+def _need_capacities(scene: Scene, names: Sequence[str], _records: Sequence[Record], lacking: str) -> Iterator[Fault]:
+    """Tell buildings of an axis whose storey laws have none of some parameters."""
+    for building in scene.buildings:
+        laws = *building.elements, *building.infill_elements
+        has_some = any(getattr(law, name, None) for law in laws for name in lacking.split(" or "))
+        if building.name in names and not has_some:
+            yield (building.name,), f"building {building.name!r} has no storey law with {lacking}; leave it out"
 
 
 def _need_ratios(scene: Scene, _laws: Sequence[Any], _records: Sequence[Record]) -> Iterator[Fault]:
@@ -265,6 +277,18 @@ class AxisValues:
         "Stiffness of a building's storeys that yield over their elastic one, by its name, in [0, 1), one axis each. "
         "One number for all storeys, in place of the building's own, which may differ by storey.",
         "stiffness of yielding storeys over their elastic one", requires=_need_strengths, neutral=math.nan,
+    )
+    ductility_capacity_factors: NamedValues = _by_building(
+        "ductility_capacity_factor", "ductility_capacity_factor", "factor on ductility capacities", _FACTOR,
+        "Factors on the drifts at which a building's springs, infill among them, lose strength, its cap and ultimate "
+        "drifts, by its name, one axis each.",
+        "factor on cap and ultimate drifts", requires=partial(_need_capacities, lacking="cap_drift or ultimate_drift"),
+    )
+    deterioration_factors: NamedValues = _by_building(
+        "deterioration_factor", "deterioration_factor", "factor on deterioration", _FACTOR,
+        "Factors on the reference drifts by which a building's springs deteriorate with cycles, infill among them, by "
+        "its name, one axis each: the larger, the less they do.",
+        "factor on reference drifts of deterioration", requires=partial(_need_capacities, lacking="deterioration"),
     )
     ductilities: Values = _axis(
         "ductility", "ductility", "ductility", {"ge": 1.0},
@@ -457,6 +481,8 @@ class Case:
         Factor on the record.
     period_factors, mass_factors, strength_factors, hardenings : mapping of str to float
         Factors on periods, masses and yield strengths of buildings, and hardening, by name; their own for others.
+    ductility_capacity_factors, deterioration_factors : mapping of str to float
+        Factors on drifts at which strength is lost, and on reference drifts of deterioration, by name.
     damping_ratio : float, optional
         Damping ratio of all buildings; their own where not given.
     pga, sa : float, optional
@@ -489,6 +515,8 @@ class Case:
     pga: float | None = None
     strength_factors: Factors | Mapping[str, float] = ()
     hardenings: Factors | Mapping[str, float] = ()
+    ductility_capacity_factors: Factors | Mapping[str, float] = ()
+    deterioration_factors: Factors | Mapping[str, float] = ()
     sa: float | None = None
     ductility: float | None = None
     pair_gaps: Factors | Mapping[str, float] = ()

@@ -24,7 +24,7 @@ from pounding_sweep.lanes import maximum, where
 from pounding_sweep.model.meeting import column_shares
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.storeys import Sampled
-from pounding_sweep.model.variants import Variants
+from pounding_sweep.model.variants import ELASTIC, Variants
 
 #: Dimensions inside a scenario.
 INNER_DIMS = ("building", "pair", "storey")
@@ -131,7 +131,8 @@ class Variable:
     of_force: bool = False  # missing where floors touched under a law without a force (velocities jump)
     of_yielding: bool = False  # it says nothing of a row whose storeys are all elastic
     unbounded: bool = False  # comparisons take it for beyond every level where the building falls
-    #: it exists where a row has "columns" that are struck, "links", "foundations", or storeys that may fall: "falls"
+    #: it exists where a row has "columns" that are struck, "links", "foundations", storeys that may fall, "falls", or
+    #: springs that may lose their strength, "fails"
     only: str = ""
     dtype: str = "f8"  # stored type, "f8", "i4" or "i1"
     default: bool = False  # it is reported where no ``outputs`` are given
@@ -156,7 +157,8 @@ class Variable:
         """Whether a scene has what it describes: pairs of neighbours, columns that are struck, links, foundations."""
         struck = any(contact.struck >= 0 for contact in scene.contacts)
         has = {"": True, "columns": struck, "links": bool(scene.links), "foundations": bool(scene.foundations)}
-        return (has | {"falls": any(scene.falls)})[self.only] and ("pair" not in self.dims or bool(scene.pair_names))
+        has |= {"falls": any(scene.falls), "fails": any(spring.law.can_fail for spring in scene.springs)}
+        return has[self.only] and ("pair" not in self.dims or bool(scene.pair_names))
 
     def read(self, results: KernelResults) -> np.ndarray:
         """Return its values, shape (scenarios, dimensions)."""
@@ -193,8 +195,9 @@ class Reducer:
 
     name: str  # by which outputs need it
     slots: tuple[Slot, ...]  # what it leaves for outputs
-    #: "": it exists in all kernels; else where storeys yield, "yields", may fall, "falls", neighbours are linked,
-    #: "linked", buildings stand on foundations, "founded", floors of neighbours are equally high, "neighbours", or can
+    #: "": it exists in all kernels; else where storeys yield, "yields", may fall, "falls", springs may lose their
+    #: strength, "fails", neighbours are linked, "linked", buildings stand on foundations, "founded",
+    #: floors of neighbours are equally high, "neighbours", or can
     #: touch, "touch"
     where: str = ""
     looks: str = ""  # out of `pounding_sweep.kernel.group.LOOKS`
@@ -256,8 +259,8 @@ _ENDINGS = (
         "(see unsettled_output, error_estimate)",
     ),
     (
-        "a storey fell: with P-Delta its drift passed its height; the scenario ends at that instant, and its values are"
-        " those up to it: peaks and counts are lower bounds",
+        "a storey fell: with P-Delta its drift passed its height, or no strength was left; the scenario ends at "
+        "that instant, and its values are those up to it: peaks and counts are lower bounds",
         "see collapse_time and collapsed_storey; comparisons count the fallen building as beyond every level",
     ),
 )
@@ -355,6 +358,26 @@ def _residual(results: KernelResults) -> np.ndarray:
     if "collapse_time" in results.slots:  # where a storey falls, the row is still in motion
         rest = np.where((results.slots["collapse_time"] >= 0.0).any(axis=1, keepdims=True), np.nan, rest)
     return rest
+
+
+def _strength_left(results: KernelResults) -> np.ndarray:
+    """Mean of what is left of the springs of each storey, by their strengths."""
+    total, left = np.zeros((2, len(results), results.scene.n_dof))
+    springs = zip(results.scene.springs, results.variants.spring_numbers, strict=True)
+    for e, (spring, numbers) in enumerate(springs) if "strength_left" in results.slots else ():
+        own = (numbers.stiffness + numbers.geometric) * numbers.yield_drift * (numbers.yield_drift < ELASTIC)
+        total[:, spring.floor] += own
+        left[:, spring.floor] += own * results.slots["strength_left"][:, e]
+    return np.where(total > 0.0, left / np.where(total > 0.0, total, 1.0), 1.0)
+
+
+def _infill_failure(results: KernelResults) -> np.ndarray:
+    times = np.full((len(results), results.scene.n_dof), np.nan)
+    for e, spring in enumerate(results.scene.springs):
+        if spring.is_infill and "failure_time" in results.slots:
+            failed = results.slots["failure_time"][:, e]
+            times[:, spring.floor] = np.where(failed >= 0.0, failed, np.nan)
+    return times
 
 
 def _first_fall(results: KernelResults, of_time: bool) -> np.ndarray:
@@ -462,6 +485,7 @@ _floor = partial(Variable, per="floor", error="motions")
 _drift = partial(Variable, error="motions", unbounded=True)
 _yielding = partial(Variable, per="floor", error=UNMEASURED, of_yielding=True)
 _base = partial(Variable, per="base", error=UNMEASURED, only="foundations")
+_failing = partial(Variable, per="floor", error=UNMEASURED, of_yielding=True, only="fails")
 _collapse = partial(Variable, per="building", needs=["collapse"], error=UNMEASURED, only="falls")
 _contact = partial(Variable, per="contact", error="contacts")
 _energy = partial(Variable, per="building", error="energies")
@@ -492,6 +516,12 @@ DEFINITIONS = {
     "residual_drift": "Signed interstorey displacement at which the building comes to rest after the "
     "record (RID, times the storey height): no storey shear is left. 0 where a storey has not yielded; missing where "
     "it falls under the weight above it, and of storeys whose law does not tell, or that have several elements.",
+    "strength_left": "Largest shear that the storey may still bear after the run over that at first, of the direction "
+    "in which less is left: what its backbone reaches beyond its largest drift, as far as cycles have lowered it. 1 "
+    "where no strength was lost, 0 where all was; of several springs, infill among them, the mean by their yield "
+    "strengths.",
+    "infill_failure_time": "Time at which the storey's infill has lost all its strength for good; missing where it has "
+    "not, or there is none.",
     "impact_force_max": "Largest contact force, pressing positive, 0 where the floors never touched; where the force "
     "jumps at a touch, the limit just after it counts. Missing where floors touched under a law without a force "
     "(velocities jump).",
@@ -545,8 +575,9 @@ DEFINITIONS = {
     " twice the step, a fifth of it by the fourth order; that of a number of impacts is taken whole.",
     "amplification": "Largest relative change of an output over that of gaps, contact stiffness and ground motion, by"
     " a change of 1e-6 of each; the scenario is ill-conditioned where it is large.",
-    "collapse_time": "Time at which a storey of the building falls, its drift reaching its height under P-Delta, after "
-    "the first point of the record; the scenario ends there. Missing where the building stands.",
+    "collapse_time": "Time at which a storey of the building falls, its drift reaching its height under P-Delta or its "
+    "own springs having lost all strength, after the first point of the record; the scenario ends there. Missing where "
+    "the building stands.",
     "collapsed_storey": "Storey of the building that falls first, from 1 at the bottom; 0 where the building stands.",
     "status": "How the scenario ended; never missing. Only an ok scenario's values are to be trusted.",
     "unsettled_output": "Output with the largest estimated error, where that makes the scenario unsettled. At a given "
@@ -591,6 +622,8 @@ REDUCERS: dict[str, Reducer] = {
         Reducer("moment", (Slot("moment", "building"),), follows=_moments),
         Reducer("residual", (Slot("slip", "spring"),), where="yields"),
         Reducer("collapse", (Slot("collapse_time", "floor", lambda group, i: -1.0),), where="falls"),
+        Reducer("strength", (Slot("strength_left", "spring"),), where="fails"),
+        Reducer("failure", (Slot("failure_time", "spring", lambda group, e: -1.0),), where="fails"),
         Reducer("acceleration", (Slot("acc", "floor"),), looks="ends"),
         Reducer(
             "link_force",
@@ -685,6 +718,8 @@ _VARIABLES = (
     _yielding(
         "residual_drift", "m", "residual interstorey drift", _residual, needs=["residual"], relative_to=[("drift_max",)]
     ),
+    _failing("strength_left", "1", "strength left", _strength_left, needs=["strength"]),
+    _failing("infill_failure_time", "s", "time at which infill fails", _infill_failure, needs=["failure"], least=0.01),
     _contact("impact_force_max", "kN", "largest contact force", "fmax", of_force=True, default=True),
     _contact("impact_count", "1", "number of impacts", "count", dtype="i4", default=True),
     _contact("penetration_max", "m", "largest penetration", "dmax", of_force=True, default=True),

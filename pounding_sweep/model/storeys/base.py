@@ -27,6 +27,11 @@ class Shares:
     stiffness_share: Annotated[Number, Field(gt=0.0, le=1.0)] = field(default=1.0, kw_only=True, repr=False)
     strength_share: Annotated[Number, Field(gt=0.0, le=1.0)] = field(default=1.0, kw_only=True, repr=False)
 
+    def with_factors(self, capacity: float, deterioration: float) -> Shares:
+        """Return the same, with factors on the drifts at which strength is lost and on those of deterioration."""
+        del capacity, deterioration
+        return self
+
 
 def of_storey(parameters: Any, storey: int) -> Any:
     """Return the parameters of one storey, counted from 0: of each list its value."""
@@ -125,6 +130,7 @@ class StoreyLaw(ABC):
     #: rows that a sub-step moves, which is undone where it is tried again
     moving: ClassVar[tuple[str, ...]] = ()
     has_tangent: ClassVar[bool] = True  # its tangent stiffness is one number while a storey yields
+    can_fail: ClassVar[bool] = False  # whether it may lose all strength, its row ``phase`` being `FAILED` from then on
     #: whether a drift and the energy put in bound what it loses
     bounds_drifts: ClassVar[bool] = True
 
@@ -176,6 +182,10 @@ class StoreyLaw(ABC):
     @abstractmethod
     def follow(self, spring: Any) -> None:
         """Let internal variables follow the motion to the present state, and ``travel`` what is lost."""
+
+    def strength_left(self, spring: Any) -> Any:
+        """Return its strength over that at first, the lesser of both directions."""
+        return spring.group.full(1.0)
 
     # energies and rest -----------------------------------------------------------------------------------------------
 
