@@ -26,6 +26,8 @@ Conventions where a choice had to be made:
   still while ``|drift - p| < Vy / k`` and follows the drift at that distance while it yields, until the drift turns.
 * A storey of Bouc and Wen has the same shear; its plastic drift is a state, and flows at
   ``|z / dy|^n (gamma w + beta |w| sign z)``, w the rate of the drift, z = drift - p, dy = Vy / k.
+* Other storeys have springs: objects with ``line()``, ``gauges(d, w)``, ``enter(phase, d)``, ``stored(d)``, ``slip(d)``
+  and ``rest(d)``, straight lines between events; what they lose is the work of the storey less what they store.
 * With ``p_delta`` every floor's weight m g stands on the storeys below it and, for each, does the work
   ``m g drift^2 / (2 h)`` as its storey leans (it goes down by h - sqrt(h^2 - drift^2)); stiffness matrix, modes and
   Rayleigh damping are those of storeys and weights. ``storey_shear_max`` is that of the storey alone. One that yields
@@ -73,6 +75,7 @@ class ShearBuilding:
     hardening: float | list[float] = 0.0  # of all storeys, or of each
     tangent_damping: bool = False
     bouc_wen: tuple[float, float, float] | None = None  # n, beta, gamma of all storeys that yield
+    springs: dict | None = None  # lists of springs, by storey from 0
     dashpots: list[float] | None = None  # kN s/m, between each floor and the one below
     p_delta: bool = False
     stiffness_matrix: list[list[float]] | None = None  # of floors, in place of `stiffnesses`
@@ -378,6 +381,11 @@ class _Row:
         self.strength = np.concatenate(strengths).astype(float)
         self.yields = bool(np.isfinite(self.strength).any())
         self.yield_drift = np.where(np.isfinite(self.strength), self.strength, 0.0) / self.k_storey
+        self.springs = {
+            int(self.start[b]) + s: springs
+            for b, building in enumerate(buildings)
+            for s, springs in (getattr(building, "springs", None) or {}).items()
+        }
         shapes = np.concatenate([np.full((len(b.masses), 3), b.bouc_wen or np.nan) for b in real])
         self.smooth = np.flatnonzero(np.isfinite(self.strength) & np.isfinite(shapes[:, 0]))
         self.flow = shapes[self.smooth].T
@@ -531,6 +539,9 @@ class _Solver:
         plastic = np.where(self.phase[column] == 0.0, self.slip[column], drift - (self.phase * row.yield_drift)[column])
         plastic[row.smooth] = y[self.i_plastic]
         shear = row.k_storey[column] * (drift - row.softening[column] * plastic)
+        for i, springs in row.springs.items():
+            plastic[i] = sum(spring.slip(drift[i]) for spring in springs)
+            shear[i] = sum(spring.line()[0] * drift[i] + spring.line()[1] for spring in springs)
         return drift, plastic, np.where(np.isnan(row.k_storey)[column], row.shear @ y[self.iu], shear)
 
     def at_rest(self, y):
@@ -539,7 +550,9 @@ class _Solver:
         rest = np.zeros(row.floors)
         plastic = self.storeys(y)[1]
         rest[row.smooth] = np.nan  # that go on flowing while they unload
-        for i in np.setdiff1d(np.flatnonzero(np.isfinite(row.strength)), row.smooth):
+        for i, springs in row.springs.items():
+            rest[i] = springs[0].rest((row.drift @ y[self.iu])[i]) if len(springs) == 1 else np.nan
+        for i in np.setdiff1d(np.flatnonzero(np.isfinite(row.strength)), [*row.smooth, *row.springs]):
             k, g = row.k_storey[i], row.leaning[i]
             soft, p, limit = row.softening[i] * k, abs(plastic[i]), row.strength[i] / k
             # no force is left where (k - g) d = soft p; if z = d - p is beyond yield there, it yields on
@@ -555,8 +568,11 @@ class _Solver:
         """Return C v."""
         row, found = self.row, self.row.C @ v
         if row.undamped.any():
-            column = (slice(None),) + (None,) * (v.ndim - 1)
-            found = found - row.drift.T @ ((row.undamped * np.abs(self.phase))[column] * (row.drift @ v))
+            column, share = (slice(None),) + (None,) * (v.ndim - 1), np.abs(self.phase)
+            for i, springs in row.springs.items():
+                kt = sum(spring.line()[0] for spring in springs)
+                share[i] = (1.0 - kt / row.k_storey[i]) / row.softening[i]
+            found = found - row.drift.T @ ((row.undamped * share)[column] * (row.drift @ v))
         return found
 
     def pull(self, u, v):
@@ -604,7 +620,8 @@ class _Solver:
         if row.yields:  # of a storey that yields, z dp = Vy/k |d drift|
             with np.errstate(invalid="ignore"):
                 power = np.where(self.phase != 0.0, row.softening * row.strength * self.phase * (row.drift @ v), 0.0)
-            drift, plastic, _ = self.storeys(y)
+            drift, plastic, shear = self.storeys(y)
+            power[list(row.springs)] = (shear * (row.drift @ v))[list(row.springs)]
             z, w, (n, beta, gamma) = (drift - plastic)[row.smooth], (row.drift @ v)[row.smooth], row.flow
             flow = np.abs(z / row.yield_drift[row.smooth]) ** n * (gamma * w + beta * np.abs(w) * np.sign(z))
             power[row.smooth] = (row.softening * row.k_storey)[row.smooth] * z * flow
@@ -626,12 +643,21 @@ class _Solver:
             k, soft, g = (x if y.ndim == 1 else x[:, None] for x in (row.k_storey, row.softening, row.leaning))
             springs = 0.5 * k * ((1.0 - soft) * drift**2 + soft * (drift - plastic) ** 2)
             springs = np.where(np.isnan(k), 0.5 * shear * drift, springs)
+            for i, own in row.springs.items():
+                springs[i] = sum(spring.stored(drift[i]) for spring in own)
             strain = row.owner[:, : row.floors] @ (springs - 0.5 * g * drift**2)
             strain += row.owner @ (0.5 * u * (row.base @ u))
         k0 = self.kinetic0 if y.ndim == 1 else self.kinetic0[:, None]
-        lost = y[self.i_hyst] if row.yields else 0.0
+        lost = self.hysteretic(y) if row.yields else 0.0
         lost = lost + (y[self.i_link] if len(row.across) else 0.0)
         return kinetic, strain, y[self.i_in] - (kinetic - k0) - y[self.i_damp] - strain - lost
+
+    def hysteretic(self, y):
+        """Return what storeys of each building have lost."""
+        found, drift = y[self.i_hyst].copy(), self.row.drift @ y[self.iu]
+        for i, springs in self.row.springs.items():
+            found[self.row.place(i)[0]] -= sum(spring.stored(drift[i]) for spring in springs)
+        return found
 
     # -- events --------------------------------------------------------------------------------------------------
 
@@ -647,7 +673,13 @@ class _Solver:
         row, out = self.row, []
         drift, rate = row.drift @ y[self.iu], row.drift @ y[self.iv]
         for i in np.flatnonzero(np.isfinite(row.strength)):
-            if i in row.smooth:
+            if i in row.springs:
+                out += [
+                    (row.np + i, (spring, phase), values)
+                    for spring in row.springs[i]
+                    for phase, values in spring.gauges(drift[i], rate[i])
+                ]
+            elif i in row.smooth:
                 pass
             elif self.phase[i] == 0.0:
                 z, limit = drift[i] - self.slip[i], row.strength[i] / row.k_storey[i]
@@ -743,6 +775,9 @@ class _Solver:
             i = p - self.row.np
             if target == FALLEN:
                 self.fallen = t_global, i
+                return y
+            if isinstance(target, tuple):
+                target[0].enter(target[1], (self.row.drift @ y[self.iu])[i])
                 return y
             if target == 0.0:  # the drift turns
                 self.slip[i] = self.storeys(y)[1][i]
@@ -1051,7 +1086,7 @@ def run(
         "kinetic_final": kinetic,
         "strain_final": strain,
         "energy_transfer_final": transfer,
-        "energy_hysteretic": y[s.i_hyst].copy() if row.yields else np.zeros(nb),
+        "energy_hysteretic": s.hysteretic(y) if row.yields else np.zeros(nb),
         "link_force": row.by_building(pull),
         "energy_links": y[s.i_link].copy() if len(row.across) else np.zeros(nb),
         "energy_of_links": float(np.sum(y[s.i_lost]) + 0.5 * np.sum(row.k_link * (row.across @ y[s.iu]) ** 2)),

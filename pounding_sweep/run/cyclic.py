@@ -11,7 +11,7 @@ from pounding_sweep.base.errors import InputError, RunError
 from pounding_sweep.model.building import Building
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.storeys import DriftGauge, Sampled, StoreyLaw
-from pounding_sweep.model.variants import variants_of
+from pounding_sweep.model.variants import Variants, variants_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,7 +22,7 @@ _MAX_BRANCHES = 100
 _TOLERANCE = 1e-12
 
 
-class _Spring(Sampled):
+class ImposedSpring(Sampled):
     """A spring whose drift is imposed: numbers of histories side by side."""
 
     law: StoreyLaw
@@ -33,7 +33,7 @@ class _Spring(Sampled):
     way: Any
 
     def __init__(self, law: StoreyLaw, stiffness: Any, constants: dict[str, Any], compiled: Any, n: int) -> None:
-        rows = dict.fromkeys((*law.rows, "travel", "then", "imposed", "previous", "way"), np.zeros(n))
+        rows = {name: np.zeros(n) for name in (*law.rows, "travel", "then", "imposed", "previous", "way")}
         super().__init__(
             stiffness, {**rows, **constants, "law": law, "compiled": compiled, "group": self, "spec": self}
         )
@@ -105,6 +105,16 @@ class _Spring(Sampled):
         return stiffness * self.imposed + constant, tangent
 
 
+def imposed_spring(row: Variants, number: int, n: int) -> tuple[ImposedSpring, Any]:
+    """Return a spring of a row's scene in its first state, of n histories, and what it loses per unit of ``travel``."""
+    element, numbers = row.scene.springs[number], row.spring_numbers[number]
+    constants = {name: values[0, number] for name, values in row.spring_constants.items()}
+    compiled = element.law.compiled(element.parameters)
+    spring = ImposedSpring(element.law, numbers.stiffness[0], constants, compiled, n)
+    element.law.begin(spring, None)
+    return spring, element.law.loss(numbers)[0]
+
+
 def cyclic_test(building: Building, drifts: Any, storey: int = 1) -> xr.Dataset:
     """Impose drifts on a storey and return what it resists, without dynamics.
 
@@ -156,20 +166,13 @@ def cyclic_test(building: Building, drifts: Any, storey: int = 1) -> xr.Dataset:
         raise InputError("drifts must be finite numbers (m), shape (points,) or (points, histories)")
     scene, floor = Scene([building]), storey - 1
     row, columns = variants_of(scene), path.reshape(len(path), -1)
-    n, own = columns.shape[1], [e for e, spring in enumerate(scene.springs) if spring.floor == floor]
-    springs, losses = [], []
-    for e in own:
-        element, numbers = scene.springs[e], row.spring_numbers[e]
-        constants = {name: values[0, e] for name, values in row.spring_constants.items()}
-        compiled = element.law.compiled(element.parameters)
-        springs.append(_Spring(element.law, numbers.stiffness[0], constants, compiled, n))
-        losses.append(element.law.loss(numbers)[0])
-        element.law.begin(springs[-1], None)
+    own = [e for e, spring in enumerate(scene.springs) if spring.floor == floor]
+    springs = [imposed_spring(row, e, columns.shape[1]) for e in own]
     weights = row.geometric_stiffnesses[0, floor]
     bare = weights if own else row.elastic_stiffnesses[0, floor]  # of what follows no law
     shear, stiffness, energy = bare * columns, np.full(columns.shape, bare), np.zeros(columns.shape)
     for point, drift in enumerate(columns):
-        for spring, loss in zip(springs, losses, strict=True):
+        for spring, loss in springs:
             spring.impose(drift)
             borne, tangent = spring.shear()
             shear[point] += borne
