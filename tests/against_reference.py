@@ -30,7 +30,7 @@ def motion(points, scale=1.0):
 KNOWN = (
     *("name", "masses", "stiffnesses", "damping_ratio", "storey_heights", "slab_depths", "column_stiffnesses"),
     *("yield_strengths", "hardening", "damping_stiffness", "hysteresis", "p_delta", "dashpots", "foundation"),
-    *("stiffness_matrix", "damping_matrix", "modal_damping"),
+    *("stiffness_matrix", "damping_matrix", "modal_damping", "infill"),
 )
 
 
@@ -95,9 +95,19 @@ class LawSpring:
         return brentq(shear, d, far, xtol=1e-15 * size) if shear(d) * shear(far) < 0.0 else np.nan
 
 
+def stiffnesses_and_strengths(building):
+    """Those of storeys with their infill, ductilities still being over the yield drift of the storey's own."""
+    if building.infill is None:
+        return building.stiffnesses, building.yield_strengths
+    k = np.add(building.stiffnesses, building.infill_stiffnesses)
+    strengths = building.yield_strengths or np.full(len(k), np.inf)
+    return k.tolist(), (strengths * k / building.stiffnesses).tolist()
+
+
 def springs_of(scene, building):
     """Springs of a building's storeys by laws that the reference itself does not know."""
-    if len(building.elements) == 1 and building.elements[0].law in ("bilinear", "bouc_wen"):
+    known = len(building.elements) == 1 and building.elements[0].law in ("bilinear", "bouc_wen")
+    if known and building.infill is None:
         return None
     first, springs = scene.offsets[scene.buildings.index(building)], {}
     for e, spring in enumerate(scene.springs):
@@ -117,7 +127,7 @@ def buildings_of(scene):
         if isinstance(b, ps.Wall)
         else ShearBuilding(
             list(b.masses),
-            b.stiffnesses,
+            stiffnesses_and_strengths(b)[0],
             b.damping_ratio,
             stiffness_matrix=b.stiffness_matrix,
             damping_matrix=b.damping_matrix,
@@ -125,7 +135,7 @@ def buildings_of(scene):
             storey_heights=list(b.storey_heights),
             slab_depths=b.slab_depths,
             column_stiffnesses=b.column_stiffnesses,
-            yield_strengths=b.yield_strengths,
+            yield_strengths=stiffnesses_and_strengths(b)[1],
             hardening=b.hardening,
             tangent_damping=b.damping_stiffness == "tangent",
             bouc_wen=parameters_of_bouc_wen(b),

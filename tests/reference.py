@@ -379,13 +379,13 @@ class _Row:
         self.softening = np.concatenate([np.full(len(b.masses), 1.0 - np.asarray(b.hardening)) for b in real])
         strengths = [[np.inf] * len(b.masses) if b.yield_strengths is None else b.yield_strengths for b in real]
         self.strength = np.concatenate(strengths).astype(float)
-        self.yields = bool(np.isfinite(self.strength).any())
         self.yield_drift = np.where(np.isfinite(self.strength), self.strength, 0.0) / self.k_storey
         self.springs = {
             int(self.start[b]) + s: springs
             for b, building in enumerate(buildings)
             for s, springs in (getattr(building, "springs", None) or {}).items()
         }
+        self.yields = bool(np.isfinite(self.strength).any() or self.springs)
         shapes = np.concatenate([np.full((len(b.masses), 3), b.bouc_wen or np.nan) for b in real])
         self.smooth = np.flatnonzero(np.isfinite(self.strength) & np.isfinite(shapes[:, 0]))
         self.flow = shapes[self.smooth].T
@@ -672,7 +672,7 @@ class _Solver:
         """Event functions of the storeys, numbered behind the pairs: next phase 1, -1 or 0."""
         row, out = self.row, []
         drift, rate = row.drift @ y[self.iu], row.drift @ y[self.iv]
-        for i in np.flatnonzero(np.isfinite(row.strength)):
+        for i in sorted({*np.flatnonzero(np.isfinite(row.strength)), *row.springs}):
             if i in row.springs:
                 out += [
                     (row.np + i, (spring, phase), values)

@@ -71,8 +71,8 @@ def test_a_law_is_named_in_a_table(name):
     ("hysteresis", "message"),
     [
         ({"law": "bilinar"}, "unknown storey law 'bilinar'; did you mean 'bilinear'"),
-        ({}, "has no law; give the name of a storey law, one of bilinear, bouc_wen"),
-        ("bilinear", "must be a table with a law, one of bilinear, bouc_wen"),
+        ({}, "has no law; give the name of a storey law, one of bilinear, bouc_wen, flag"),
+        ("bilinear", "must be a table with a law, one of bilinear, bouc_wen, flag"),
         ({"law": "bilinear", "n": 2.0}, "unknown key 'n'"),
     ],
 )
