@@ -41,6 +41,22 @@ BEYOND = 0.25
 GRADED = 0.8
 
 
+def declare_rows(group: Group) -> None:
+    """Declare what contacts need."""
+    many = len(group.contacts)
+    if group.touching:
+        # mode, the next one and when it comes (in sub-steps); stiffness and damping in this mode, and of the law
+        # (kN/m, kN s/m); rate of approach (m/s); time since the touch, and of an elastic contact (s)
+        group.declare(many, "mode", "next", "event", "k_active", "c_active", "k_law", "c_law")
+        group.declare(many, "fastest", "age", "duration")
+        # penetration (m), its rate (m/s), the force (kN) and its rate at both ends of a sub-step; that of an
+        # implicit step, and whether an event may be in it
+        group.declare(many, "pen_start", "pen_end", "rate_start", "rate_end")
+        group.declare(many, "force_start", "force_end", "force_rate_start", "force_rate_end", "force", "may_change")
+    if any(law.shape.yields for law in group.laws):
+        group.declare(many, "plastic", "yield_depth", of_law=True)
+
+
 def is_capped(group: Group) -> bool:
     """Whether sub-steps are cut to what an explicit scheme can follow of a closed contact."""
     return not group.spec.implicit and not group.spec.impulsive

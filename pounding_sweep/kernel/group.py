@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import groupby
-from operator import add
+from operator import add, or_
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -58,8 +58,6 @@ LOOKS = ("", "depth", "force", "ends")
 #: Rows of what floors move by beside their acceleration at the start of a sub-step of stages, in shares of its length
 #: to the third, fourth and fifth power.
 BENDS = ("c3", "c4", "c5")
-#: Kinds of changes of a contact or by a gauge of a spring, at most.
-KINDS = 3
 #: Share of an elastic contact's duration over which sub-steps grow to a whole step, where they are graded.
 GRADED_SHARE = 0.5
 #: The same in the longer sub-steps of exact flight, of a damper that begins with a steeper root than forces do.
@@ -180,76 +178,20 @@ class Group:
         #: Number of the step that lanes are within: one for all, or one each.
         self.number: Callable[[], Index] = lambda: 0
         self._places, self._inputs = property_slots(spec), input_slots(spec)
-        self.state = Rows(trace, self._rows(), lanes, memory)
+        # rows that steps leave to the next under all laws, those of this law, and those that no step leaves, in this
+        # order: flight, which is one of all laws, finds its rows at one place
+        self._rows: list[dict[str, int]] = [self._inputs.count | result_slots(spec, reducers).count, {}, {}]
+        self.declare(spec.n_moving, "u", "v", "u0", "v0")
+        self.declare(1, "h", *ENDS)
+        scheme.declare_rows(self)
+        #: How many rows steps leave to the next.
+        self.n_persistent_rows = sum((self._rows[0] | self._rows[1]).values())
+        self.state = Rows(trace, reduce(or_, self._rows), lanes, memory)
         self._scene, self.ground = Table(trace, constants, lanes), GroundMotion(self.state)
 
-    def _rows(self) -> dict[str, int]:
-        """Name all rows of state: inputs, results, motion, and what the scheme and the contacts need."""
-        spec, nc, nb = self.spec, len(self.spec.contacts), self.spec.n_buildings
-        rows, n = self._inputs.count | result_slots(spec, self.reducers).count, spec.n_moving
-        rows |= {"u": n, "v": n, "u0": n, "v0": n, "h": 1} | dict.fromkeys(ENDS, 1)
-        if spec.implicit or self.has_events or spec.links:
-            rows |= {"a0": n}
-        if "acceleration" in self.requested:
-            rows |= dict.fromkeys(("acc_start", "acc_end", "acc_rate_start", "acc_rate_end"), n)
-        if not spec.fused:  # sums over the stages of a step, and its stages
-            rows |= dict.fromkeys(("din", "ddamp"), nb)
-            if self.has_events or spec.links:
-                stages = [f"s{k}" for k in range(6 if spec.flies_exactly else 4)]
-                rows |= dict.fromkeys(("x", "y", "push", *stages), n) | dict.fromkeys(("dwork", "dimpulse"), nc)
-        if "links" in self.requested:  # sums over the stages of a step
-            rows |= {"dlink": nb, "dlink_loss": len(spec.links)}
-        if spec.implicit and self.touching:
-            rows |= {"response": (n if spec.solves_row else 2 * max(spec.storeys)) * nc, "diagonal": max(spec.storeys)}
-        if self.has_events:
-            rows |= dict.fromkeys(("time_left", "fraction", "ahead", "tries", "land", "accepted"), 1)
-            rows |= dict.fromkeys(("fallback", "unsolved", "stiff", *ENDS_OF_STEP), 1)
-        if spec.yielding:
-            moving = [f"{name}0" for name in spec.of_springs("moving")]
-            rows |= dict.fromkeys(("kt", "ct", *(["kd"] if spec.tangent else [])), n)
-            rows |= dict.fromkeys((*spec.of_springs("rows"), *moving, "turn", "then"), len(spec.hysteretic))
-            rows |= dict.fromkeys(("flow", "rest"), len(spec.hysteretic)) if spec.flowing and spec.implicit else {}
-            rows |= {"collapsed": 1} if spec.falling else {}
-            rows |= {"set": n}
-        if self.touching:
-            # mode, the next one and when it comes (in sub-steps); stiffness and damping in this mode, and of the law
-            # (kN/m, kN s/m); rate of approach (m/s); time since the touch, and of an elastic contact (s)
-            rows |= dict.fromkeys(("mode", "next", "event", "k_active", "c_active", "k_law", "c_law"), nc)
-            rows |= dict.fromkeys(("fastest", "age", "duration"), nc)
-            # penetration (m), its rate (m/s), the force (kN) and its rate at both ends of a sub-step; that of an
-            # implicit step, and whether an event may be in it
-            rows |= dict.fromkeys(("pen_start", "pen_end", "rate_start", "rate_end"), nc)
-            rows |= dict.fromkeys(("force_start", "force_end", "force_rate_start", "force_rate_end"), nc)
-            rows |= dict.fromkeys(("force", "may_change"), nc)
-            if "transfer" in self.requested:  # energy given so far, in the step, and powers
-                rows |= dict.fromkeys(("now", "gain", "power", "power_start", "power_end"), nb)
-        # what depends on the law comes last: flight, which does not, finds its rows at one place under all laws
-        if spec.implicit or spec.impulsive:
-            rows |= {"a": n, "alone": n}
-        rows |= {"joining": nc} if spec.impulsive else {}
-        if any(law.yields for law in spec.laws):
-            rows |= {"plastic": nc, "yield_depth": nc}
-        #: What no step leaves to the next follows, from this row on.
-        self.n_persistent_rows = sum(rows.values())
-        rows |= dict.fromkeys(BENDS, n) if spec.staged else {}
-        rows |= {"peak": n, "acc_inside": n, "press": nc} if self.presses and "acceleration" in self.requested else {}
-        if spec.series:
-            order, laws = spec.series, spec.laws
-            rows |= {"taylor_u": n * (order + 1), "taylor_pen": nc * (order + 1), "event_poly": order + 1}
-            rows |= {"taylor_force": nc * order} if any(law.damper for law in laws) else {}
-            rows |= {"taylor_pen_rate": nc * order} if any(law.damper_exponent == 1.0 for law in laws) else {}
-            rows |= dict.fromkeys(("x", "y", "push"), n)
-            if spec.flowing:
-                many = len(spec.hysteretic)
-                rows |= {"taylor_slip": many * (order + 1), "event_row": 1, "event_sign": 1}
-                for _, name, compiled in spec.hysteretic:
-                    law: Any = law_of(name, compiled)
-                    own = {} if law.straight else law.series_rows(compiled, order)
-                    rows |= {row: many * count for row, count in own.items()}
-            rows |= dict.fromkeys(("span", "event_number", "event_target", "low", "high", "bends"), 1)
-            rows |= {"ruled_out": KINDS * (1 + bool(spec.limited)) * (nc + len(spec.hysteretic))}
-            rows |= {"swing": nb} if "transfer" in self.requested and self.touching else {}
-        return rows
+    def declare(self, count: int, *names: str, of_law: bool = False, passing: bool = False) -> None:
+        """Let there be rows of state, so many of each name: an owner declares what it needs."""
+        self._rows[2 if passing else of_law] |= dict.fromkeys(names, count)
 
     @property
     def presses(self) -> bool:

@@ -23,6 +23,17 @@ from pounding_sweep.model.storeys import FAILED, DriftGauge, SignGauge
 MAX_ROUNDS = 30
 
 
+def declare_rows(group: Group) -> None:
+    """Declare what storeys need that yield, and their springs: what their laws say."""
+    spec, many = group.spec, len(group.spec.hysteretic)
+    if spec.yielding:
+        group.declare(spec.n_moving, "kt", "ct", "set", *(["kd"] if spec.tangent else []))
+        moving = [f"{name}0" for name in spec.of_springs("moving")]
+        group.declare(many, *spec.of_springs("rows"), *moving, "turn", "then")
+        group.declare(many, *(("flow", "rest") if spec.flowing and spec.implicit else ()))
+        group.declare(1, *(["collapsed"] if spec.falling else []))
+
+
 def flowing(group: Group) -> list[StoreySpring]:
     """Return the springs whose internal variables flow between events."""
     return [spring for spring in group.iter_springs() if not spring.law.straight]

@@ -29,6 +29,13 @@ COUNTED = 1.0e-1
 LEAST_SHARE = 1.0e-3
 
 
+def declare_rows(group: Group) -> None:
+    """Declare accelerations, with floors that rest on each other and without, and where floors come to rest."""
+    if group.spec.impulsive:
+        group.declare(group.spec.n_moving, "a", "alone", of_law=True)
+        group.declare(len(group.spec.contacts), "joining", of_law=True)
+
+
 def equalise_rows(group: Group, name: str, keeps: str = "force", memory: Any = None) -> None:
     """Give resting floors one rate, in rows of the state or of another `memory`; keep what it took."""
     s: Any = group.state if memory is None else memory

@@ -15,6 +15,13 @@ from pounding_sweep.lanes import fma, maximum, size, where
 _LEAST_STEP = 1e-15
 
 
+def declare_rows(group: Group) -> None:
+    """Declare the sums over the stages of a step."""
+    if "links" in group.requested:
+        group.declare(group.spec.n_buildings, "dlink")
+        group.declare(len(group.spec.links), "dlink_loss")
+
+
 def clear_powers(group: Group) -> None:
     """Let the sums over a step be none."""
     for name, n in (("dlink", group.spec.n_buildings), ("dlink_loss", len(group.spec.links))):

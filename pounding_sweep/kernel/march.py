@@ -41,6 +41,15 @@ DIVERGED = 1.0e5
 FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED = 1, 2, 4
 
 
+def declare_rows(group: Group) -> None:
+    """Declare what accelerations at the start, and steps that events cut, need."""
+    if group.spec.implicit or group.has_events or group.spec.links:
+        group.declare(group.spec.n_moving, "a0")
+    if group.has_events:
+        group.declare(1, "time_left", "fraction", "ahead", "tries", "land", "accepted", "fallback", "unsolved", "stiff")
+        group.declare(1, *ENDS_OF_STEP)
+
+
 def begin(group: Group, start: Lanes, lanes: Truths = None) -> None:
     """Fill lanes (all, or some) whose inputs are there; `start` is the first ground acceleration."""
     s, spec = group.state, group.spec

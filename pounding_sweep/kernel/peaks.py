@@ -28,6 +28,16 @@ SHARES = (1.0 / 24.0, 1.0 / 120.0)
 LEAVES = 2.0**-30
 
 
+def declare_rows(group: Group) -> None:
+    """Declare accelerations and their rates at both ends of a sub-step, and what those inside it need."""
+    n = group.spec.n_moving
+    if "acceleration" in group.requested:
+        group.declare(n, "acc_start", "acc_end", "acc_rate_start", "acc_rate_end")
+        if group.presses:
+            group.declare(n, "peak", "acc_inside", passing=True)
+            group.declare(len(group.contacts), "press", passing=True)
+
+
 def extreme(curve: Series, s1: Lanes, nearer: bool = False) -> Lanes:
     """Extreme inside a step of a polynomial, whose rate is s1 at its end, about where the rate turns."""
     s0 = curve.read(1)

@@ -43,7 +43,7 @@ from pounding_sweep.lanes import (
     where,
     while_any,
 )
-from pounding_sweep.model.storeys import DriftGauge, SignGauge
+from pounding_sweep.model.storeys import DriftGauge, SignGauge, law_of
 
 #: Largest last term of a series beside its first ones, in both number formats.
 LEFT_OUT = {"float64": 1e-14, "float32": 1e-6}
@@ -60,8 +60,29 @@ PARTS = 4
 #: Most halvings of a step in which an event may hide, and its part after which none is sought.
 HALVINGS = 6
 HALVED = 0.5**HALVINGS
+#: Kinds of changes of a contact or by a gauge of a spring, at most.
+KINDS = 3
 #: Where a step ends if floors that part bend back, over when a parabola is at its start again; its least part, if cut.
 PAST, SOONEST = -1.5, 1e-3
+
+
+def declare_rows(group: Group) -> None:
+    """Declare coefficients of motions, penetrations and forces, and what is known of events."""
+    spec, declare, terms = group.spec, partial(group.declare, passing=True), group.spec.series + 1
+    contacts, springs = len(spec.contacts), len(spec.hysteretic)
+    if spec.series:
+        declare(spec.n_moving, "x", "y", "push")
+        declare(spec.n_moving * terms, "taylor_u")
+        declare(contacts * terms, "taylor_pen", "taylor_force", "taylor_pen_rate")
+        declare(terms, "event_poly")
+        declare(1, "span", "event_number", "event_target", "low", "high", "bends")
+        declare(KINDS * (1 + bool(spec.limited)) * (contacts + springs), "ruled_out")
+        declare(spec.n_buildings if "transfer" in group.requested else 0, "swing")
+    for _, name, compiled in spec.hysteretic if spec.series and spec.flowing else ():
+        law: Any = law_of(name, compiled)
+        own = {} if law.straight else law.series_rows(compiled, spec.series)
+        for row, many in {"taylor_slip": terms, "event_row": 1, "event_sign": 1, **own}.items():
+            declare(springs * many, row)
 
 
 def substep(group: Group, h: Lanes) -> None:

@@ -33,6 +33,12 @@ Course = tuple[Callable[[Contact, Lanes], Lanes], Callable[[Group, Lanes], Calla
 TRIED: Course = force_at, partial(moved, velocities=True)
 
 
+def declare_rows(group: Group) -> None:
+    """Declare energy given so far, in the step, and powers."""
+    if group.touching and "transfer" in group.requested:
+        group.declare(group.spec.n_buildings, "now", "gain", "power", "power_start", "power_end")
+
+
 def plain(group: Group) -> None:
     """Add what buildings gave in an unlocated step, and take the sum at its end."""
     s = group.state

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from pounding_sweep.kernel import forces, hysteresis, impulse, links, march, peaks, series, transfers
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.march import FixedSteps
 from pounding_sweep.kernel.types import Lanes, Note, Truths
 from pounding_sweep.model.scene import Scene
 
@@ -64,6 +64,11 @@ class Scheme(ABC):
     def phase_error(self, x: np.ndarray, beta: float, gamma: float) -> np.ndarray:
         """Relative error of a free vibration's phase and size at steps of `x` rad."""
 
+    def declare_rows(self, group: Group) -> None:
+        """Declare the rows of state that steps need; a subclass adds its own."""
+        for owner in (march, hysteresis, links, forces, impulse, transfers, peaks, series):
+            owner.declare_rows(group)
+
     @abstractmethod
     def flight(self, group: Group, h: Lanes) -> Callable[[], None]:
         """Take a step of all lanes without contact; returns what adds its energies."""
@@ -78,4 +83,4 @@ class Scheme(ABC):
 
     def march(self, group: Group, ground: Any, note: Note, leave: Callable[[Truths], None]) -> None:
         """Take a lane group over the record; `note` is told of each row of a history, `leave` of lanes at their end."""
-        FixedSteps(group, ground, note, leave).run()
+        march.FixedSteps(group, ground, note, leave).run()

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.kernel import hysteresis, impulse, links
-from pounding_sweep.kernel.group import Contact, Group, Part
+from pounding_sweep.kernel.group import BENDS, Contact, Group, Part
 from pounding_sweep.kernel.march import keep_start
 from pounding_sweep.kernel.row import Pushes, accelerations, iter_powers, powers
 from pounding_sweep.kernel.types import ByFloor, Index, Lanes
@@ -37,6 +37,16 @@ class Explicit(Scheme):
     def after(self, stage: int, u: Lanes, v: Lanes, x: Lanes, a: Sequence[Lanes], h: Lanes) -> tuple[Lanes, Lanes]:
         """Displacement and velocity of a floor after a stage (from 1): of the next one, at last of the end."""
         # `u` and `v` are the start, `x` is the displacement of this stage, `a` the accelerations up to it
+
+    def declare_rows(self, group: Group) -> None:
+        """Declare those of stages, and of sums over them, where they do not stay in registers."""
+        super().declare_rows(group)
+        spec = group.spec
+        group.declare(0 if spec.fused else spec.n_buildings, "din", "ddamp")
+        if not spec.fused and (group.has_events or spec.links):
+            group.declare(spec.n_moving, "x", "y", "push", *(f"s{k}" for k in range(len(self.nodes))))
+            group.declare(len(spec.contacts), "dwork", "dimpulse")
+        group.declare(spec.n_moving if spec.staged else 0, *BENDS, passing=True)
 
     def keep(self, group: Group, i: Index, a: Sequence[Lanes]) -> None:
         """Keep what a sub-step asks of the accelerations of floor i in its stages."""

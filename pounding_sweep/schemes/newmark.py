@@ -299,6 +299,15 @@ class Newmark(Scheme):
         """By the first terms."""
         return np.hypot((0.5 * beta - 1.0 / 24.0) * x * x, 0.5 * (gamma - 0.5) * x)
 
+    def declare_rows(self, group: Group) -> None:
+        """Declare accelerations, and how floors respond to forces of contacts."""
+        super().declare_rows(group)
+        spec, most = group.spec, max(group.spec.storeys)
+        group.declare(spec.n_moving, "a", "alone", of_law=True)
+        if group.touching:
+            group.declare((spec.n_moving if spec.solves_row else 2 * most) * len(spec.contacts), "response")
+            group.declare(most, "diagonal")
+
     def begin(self, group: Group) -> None:
         """Accelerations at the start, which are part of the state."""
         if group.spec.impulsive and group.touching:
