@@ -196,6 +196,9 @@ def test_no_share_leaves_no_trace(audited):
     names = [*cube.dims, *cube.variables, *cube.attrs, *(a for v in cube.variables.values() for a in v.attrs)]
     assert not [name for name in names if "audit" in str(name) or name == "output"]
     assert (audit_table(cube), errors_sentence(cube, cube.attrs)) == ([], "")
+    estimated = {"error_estimate": np.array([1e-4, np.nan]), "status": np.zeros(2, np.int8)}
+    told = [errors_sentence(estimated | more, {}) for more in ({}, {"impact_count": np.ones(2)})]
+    assert ["shallower than that may be counted or not" in text for text in told] == [False, True]
     assert "Audit" not in describe(cube)
     for name in cube.data_vars:
         np.testing.assert_array_equal(cube[name].values, audited[1][name].values)

@@ -98,7 +98,8 @@ def errors_sentence(cube: Mapping[Any, Any], attributes: Mapping[Any, Any]) -> s
             return ""
         numbers = f"largest {estimate.max():.2g}, 99 % within {_most(estimate):.2g}, median {np.median(estimate):.2g}"
         which = f"all {n}" if n == len(estimate) else f"a sample of {len(estimate)} of {n}"
-        return f"relative, estimated in {which} scenarios that are ok: {numbers}"
+        grazes = "; a touch shallower than that may be counted or not" * ("impact_count" in cube)
+        return f"relative, estimated in {which} scenarios that are ok: {numbers}{grazes}"
     if not has_audit(cube) or "audit_reference" not in attributes:
         return ""
     error, undecided = np.asarray(cube["audit_error"][...]), np.asarray(cube["audit_undecided"][...], bool)
