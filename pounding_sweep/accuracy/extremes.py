@@ -40,17 +40,7 @@ from pounding_sweep.run.refinement import Values, run_scenarios
 from pounding_sweep.schemes import SCHEMES, reference_scheme
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.variables import registry
-from pounding_sweep.variables.registry import (
-    CHANGE,
-    OK_CLAIM,
-    SETTLED,
-    STATUS,
-    WITH_VALUES,
-    Status,
-    get_variable,
-    relative_error,
-    relative_errors,
-)
+from pounding_sweep.variables.registry import CHANGE, OK_CLAIM, SETTLED, STATUS, WITH_VALUES, Status, get_variable
 
 #: Peaks whose error is judged, and what every run reports beside them; the same of storeys that yield.
 PEAKS = ("displacement_max", "displacement_min", "impact_force_max", "penetration_max")
@@ -418,7 +408,7 @@ class Run:
 def peak_error(values: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]) -> np.ndarray:
     """Largest relative error of a run's peaks in each scenario, shape (n,)."""
     peaks = [name for name in (*PEAKS, *YIELDING_PEAKS) if name in values]
-    return np.max(list(relative_errors(peaks, values, reference).values()), axis=0)
+    return np.max(list(registry.relative_errors(peaks, values, reference).values()), axis=0)
 
 
 def make_reference(batch: Batch, wanted: np.ndarray, shortest: np.ndarray) -> Reference:
@@ -714,7 +704,9 @@ def stability_map(
     name = "impact_force_max"
     expected = np.concatenate([reference.values[name] for reference in references])
     has_reference = np.isfinite(np.concatenate([reference.step for reference in references]))
-    errors = np.array([relative_error(name, run[name], expected) for run in runs.values()]).reshape(status.shape)
+    errors = np.array([registry.relative_error(name, run[name], expected) for run in runs.values()]).reshape(
+        status.shape
+    )
     drawn = has_reference & np.isin(status, WITH_VALUES)
     dims, codes = ("scheme", "dt", "stiffness"), np.arange(len(STATUS), dtype=np.int8)
     about = {"units": "1", "long_name": "relative error of the peak contact force"}
