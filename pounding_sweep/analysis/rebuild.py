@@ -16,17 +16,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.analysis.scenarios import (
-    IGNORED,
-    NO_POUNDING,
-    described,
-    ignored_dims,
-    labelled,
-    law_keys,
-    of_law,
-    uncoupled_cases,
-    without_pounding,
-)
+from pounding_sweep.analysis import scenarios
+from pounding_sweep.analysis.scenarios import NO_POUNDING, described, of_law, uncoupled_cases, without_pounding
 from pounding_sweep.analysis.spectra import USUAL_DAMPING, response_spectrum
 from pounding_sweep.base.errors import InputError, RecordError, check_choice
 from pounding_sweep.model.meeting import CONTACTS
@@ -139,7 +130,7 @@ def uncoupled_runs(source: Scene | str | xr.Dataset, records: Any, folders: Any)
         return scene, of_law(runs, [NO_POUNDING])
     modes = {name: runs[name] for name in ("fundamental_period", "first_damping_ratio") if name in runs.coords}
     runs = without_pounding(runs, "the required gap")
-    runs = runs.isel(dict.fromkeys(ignored_dims(runs), 0))
+    runs = runs.isel(dict.fromkeys(scenarios.ignored_dims(runs), 0))
     runs = runs.reset_coords(drop=True).assign_coords(modes)
     if isinstance(source, xr.Dataset):  # it may be a selection from what its sweep has
         axes = {*runs.dims} & {*source.coords} - {*INNER_DIMS}
@@ -155,7 +146,7 @@ def _runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> tuple[Scene, 
     row |= {"pair": list(scene.pair_labels), "storey": list(range(1, scene.n_storeys + 1))}
     # a part of the row is no row
     stored = all(dim in cube.dims and cube[dim].values.tolist() == labels for dim, labels in row.items())
-    stored = stored and NO_POUNDING in law_keys(cube) and {*OUTPUTS} <= {*cube.data_vars}
+    stored = stored and NO_POUNDING in scenarios.law_keys(cube) and {*OUTPUTS} <= {*cube.data_vars}
     stored = stored and replace(scene, contacts=CONTACTS[1]) == scene
     if stored and (sweep["cases"] is None or min(uncoupled_cases(cube)) >= 0):
         return scene, cube
@@ -167,7 +158,7 @@ def _runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> tuple[Scene, 
         ) from None
     # its axes that a run without pounding does not ignore, or its cases but for those
     if sweep["cases"] is not None:
-        ignored: dict[str, Any] = dict.fromkeys(IGNORED) | dict.fromkeys(NAMED_KINDS["pair"], ())
+        ignored: dict[str, Any] = dict.fromkeys(scenarios.IGNORED) | dict.fromkeys(NAMED_KINDS["pair"], ())
         cases = [replace(case_of(case), law=NO_POUNDING, **ignored) for case in sweep["cases"]]
         axes: dict[str, Any] = {"cases": list(dict.fromkeys(cases))}
     else:
@@ -303,7 +294,7 @@ def _measured(cube: xr.Dataset, name: str, records: Any, folders: Any) -> xr.Dat
     periods, sweep = periods_of(cube, name), stored_sweep(cube)
     sweep["records"] = [entry for entry in sweep["records"] if entry["name"] in cube["record"].values.astype(str)]
     motions = records_of(sweep, resolve_records(records or [], folders), folders)
-    names = labelled("record", (motion.name for motion in motions), "ground-motion record")
+    names = scenarios.labelled("record", (motion.name for motion in motions), "ground-motion record")
     if not periods:
         velocities = [record_measures(motion).pgv for motion in motions]
         return described(names.copy(data=velocities), "m s-1", "peak ground velocity")

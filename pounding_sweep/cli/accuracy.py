@@ -12,19 +12,7 @@ from typer import Exit
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.text import bytes_text, finite, print_json, print_pairs, print_table, scientific, seconds_text
 from pounding_sweep.cli import app
-from pounding_sweep.cli.app import (
-    AsJson,
-    Folders,
-    Overwrite,
-    Quiet,
-    SweepFile,
-    Workers,
-    command,
-    flag,
-    option,
-    output,
-    say,
-)
+from pounding_sweep.cli.app import AsJson, Folders, Overwrite, Quiet, Workers, command, flag, option, output, say
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,7 +20,7 @@ if TYPE_CHECKING:
 
 @command("tradeoff")
 def tradeoff_command(
-    sweep: SweepFile,
+    sweep: app.SweepFile,
     out: Path | None = output("TRADE.nc", "netCDF file for the result."),
     steps: str | None = option("LIST", "Time steps (s), separated by commas; 5e-3 to 2.5e-4 by default."),
     everything: bool = flag("--all", "Measure newmark and contacts that are not located too; list every setting."),

@@ -10,17 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.analysis.comparisons import (
-    COMPARISONS,
-    EVENTS,
-    MOTION_DIMS,
-    NOTES,
-    Row,
-    compared,
-    get_event,
-    split_constant,
-    table_rows,
-)
+from pounding_sweep.analysis import comparisons
+from pounding_sweep.analysis.comparisons import COMPARISONS, MOTION_DIMS, Row, compared, split_constant, table_rows
 from pounding_sweep.base.errors import InputError, check_choice
 from pounding_sweep.base.text import finite, number_text, print_json, print_pairs, print_table, terminal_width
 from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, axis_values, command, flag, option, output, say
@@ -46,7 +37,7 @@ class InputOptions:
     cube: CubeFile
     at: At = None
     reference: str | None = option("LAW", "Law that the others are compared with.")
-    event: str | None = option("EVENT", f"Of the fragility: {', '.join(EVENTS)}; touch by default.")
+    event: str | None = option("EVENT", f"Of the fragility: {', '.join(comparisons.EVENTS)}; touch by default.")
     level: str | None = option("X", "What the event must exceed, in its own unit; of a drift ratio 0.01 or 1%.")
     one_dispersion: list[str] | None = option(
         "AXIS", "Of the fragility: one dispersion for all curves along this axis, such as gap: they don't cross."
@@ -105,7 +96,7 @@ class InputOptions:
         if self.hazard is not None:
             arguments["hazard"] = hazard_of(self.hazard, self.hazard_units)
         if "fragility" in keys:
-            get_event(self.event or "touch", self.level)
+            comparisons.get_event(self.event or "touch", self.level)
         return arguments
 
 
@@ -258,7 +249,7 @@ def _print(report: dict[str, dict[str, Any]], cube: Path, *, summary: bool) -> N
     for number, (key, part) in enumerate(possible.items()):
         print("\n" * (summary or number > 0) + f"{key}: {part['title']}")
         rows = part["lead"][: MOST_ROWS if summary else None]
-        for name in NOTES:
+        for name in comparisons.NOTES:
             if part["attributes"].get(name):
                 print(f"  {name.replace('_', ' ')}: {_cell(part['attributes'][name])}")
         if rows:

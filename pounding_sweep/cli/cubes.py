@@ -10,19 +10,7 @@ from typing import TYPE_CHECKING, Any
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.base.text import print_json, print_pairs, print_table, terminal_width
 from pounding_sweep.cli import app
-from pounding_sweep.cli.app import (
-    AsJson,
-    At,
-    CubeFile,
-    Folders,
-    Overwrite,
-    argument,
-    command,
-    flag,
-    option,
-    output,
-    say,
-)
+from pounding_sweep.cli.app import At, CubeFile, Folders, Overwrite, argument, command, flag, option, output, say
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,7 +25,7 @@ def info_command(
         "Cube made by 'run'; of one that is not finished, OUT.nc or its folder OUT.nc.parts will do.",
         default=...,
     ),
-    as_json: AsJson = False,
+    as_json: app.AsJson = False,
     status: bool = flag("--status", "Only the scenarios that are not ok, counted by value of each axis."),
 ) -> None:
     """Describe a cube: axes, variables, statuses, records; or what is done of one that is not finished."""

@@ -12,18 +12,8 @@ import typer
 
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.text import number_text, print_json, print_pairs, print_table
-from pounding_sweep.cli.app import (
-    FIGURE_FILE,
-    AsJson,
-    Folders,
-    Overwrite,
-    app,
-    argument,
-    option,
-    output,
-    reporting,
-    say,
-)
+from pounding_sweep.cli import app
+from pounding_sweep.cli.app import AsJson, Folders, Overwrite, argument, option, output, reporting, say
 
 if TYPE_CHECKING:
     from pounding_sweep.records import Record
@@ -49,7 +39,7 @@ Column = Annotated[
 ]
 
 records_app = typer.Typer(rich_markup_mode=None)
-app.add_typer(records_app, name="records")
+app.app.add_typer(records_app, name="records")
 
 
 @records_app.callback(invoke_without_command=True)
@@ -156,7 +146,7 @@ def _print(report: dict[str, Any]) -> None:
 @records_app.command("plot")
 def plot_command(
     context: typer.Context,
-    out: Path = output("FILE", FIGURE_FILE, default=...),
+    out: Path = output("FILE", app.FIGURE_FILE, default=...),
     names: list[str] | None = argument("NAME", "Records, files or sets; by default all at hand."),
     data: Path | None = option("MOTIONS.nc", "netCDF file for what is drawn."),
     overwrite: Overwrite = False,

@@ -10,19 +10,7 @@ from typer import Exit
 from pounding_sweep.base.errors import InputError, check_choice
 from pounding_sweep.base.text import number_text, print_json, print_pairs, print_table, printable, seconds_text
 from pounding_sweep.cli import app
-from pounding_sweep.cli.app import (
-    AsJson,
-    Overwrite,
-    Quiet,
-    ScenarioOptions,
-    SweepOptions,
-    argument,
-    command,
-    flag,
-    option,
-    output,
-    say,
-)
+from pounding_sweep.cli.app import AsJson, Overwrite, ScenarioOptions, SweepOptions, command, flag, option, output, say
 from pounding_sweep.cli.records import print_read, read_as
 
 if TYPE_CHECKING:
@@ -33,7 +21,7 @@ if TYPE_CHECKING:
 
 @command("init")
 def init_command(
-    out: Path | None = argument("[SWEEP.toml]", "File to write; by default the example's name."),
+    out: Path | None = app.argument("[SWEEP.toml]", "File to write; by default the example's name."),
     example: str | None = option(
         "EXAMPLE", "Example to write; by default that of the file's name, or quickstart.", "--from"
     ),
@@ -79,7 +67,7 @@ def run_command(
     overwrite: Overwrite = False,
     extend: Path | None = option("OLD.nc", "Reuse the results in this cube and run only the missing scenarios."),
     check: bool = flag("--check", "Compare all scenarios with more exact runs; prints errors by law and output."),
-    quiet: Quiet = False,
+    quiet: app.Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Run a sweep, write its cube and print a summary."""

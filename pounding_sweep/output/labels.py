@@ -16,14 +16,8 @@ from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import LAWS, realised_restitution
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.output.dataset import (
-    SOURCE_ATTRIBUTE,
-    Coordinates,
-    coordinate,
-    law_coordinates,
-    package_version,
-    unit_attributes,
-)
+from pounding_sweep.output import dataset
+from pounding_sweep.output.dataset import Coordinates, coordinate, law_coordinates, package_version, unit_attributes
 from pounding_sweep.output.identity import library_versions, package_digest
 from pounding_sweep.plan.scenarios import requested_scenarios
 from pounding_sweep.records.record import record_measures
@@ -296,7 +290,7 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         "unit_system": "kN, t, m, s",
         "sweep": to_json(spec),
         "sweep_sha256": plan.digest,
-        SOURCE_ATTRIBUTE: package_digest(),
+        dataset.SOURCE_ATTRIBUTE: package_digest(),
         "sa_period": spec.sa_period,
         "records_left_out": spec.records_left_out or None,
         **{f"{name}_version": version for name, version in library_versions().items()},

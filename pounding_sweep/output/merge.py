@@ -20,16 +20,9 @@ import xarray as xr
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.files import FilePath
-from pounding_sweep.output import identity
+from pounding_sweep.output import dataset, identity
 from pounding_sweep.output.audited import AUDIT_DIMS, add_audit, has_audit
-from pounding_sweep.output.dataset import (
-    VERSION_ATTRIBUTE,
-    CubeParts,
-    as_stored,
-    coordinate_values,
-    package_version,
-    unfilled,
-)
+from pounding_sweep.output.dataset import CubeParts, as_stored, coordinate_values, package_version, unfilled
 from pounding_sweep.output.netcdf import Slab, check_output, check_space, open_cube, reading, write_in_slabs
 from pounding_sweep.output.results import number_runs
 from pounding_sweep.output.scenario_rows import cube_columns, scenario_keys
@@ -208,7 +201,7 @@ def check_parts(parts: Parts, *, mix_sources: bool) -> list[dict[str, Any]]:
     (first, base), *_ = parts.items()
     for (name, cube), sweep in zip(parts.items(), sweeps, strict=True):
         one, two = identity.made_by(base.attrs), identity.made_by(cube.attrs)
-        pairs = [(key, one[key], two[key]) for key in ([VERSION_ATTRIBUTE] if mix_sources else one)]
+        pairs = [(key, one[key], two[key]) for key in ([dataset.VERSION_ATTRIBUTE] if mix_sources else one)]
         identity.check_one_study(repr(first), repr(name), pairs, f"{identity.MAKERS_REMEDY}. {MIX_REMEDY}")
         remedy = "Run one of them again with the other's"
         identity.check_one_study(repr(first), repr(name), _differences(base, cube, sweeps[0], sweep), remedy)

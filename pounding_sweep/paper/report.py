@@ -14,17 +14,8 @@ from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.dataset import package_version
 from pounding_sweep.pages import Grid, ungrouped, write_page
-from pounding_sweep.paper.compare import (
-    CLOSE,
-    LIMITS,
-    WRITTEN,
-    energy_checks,
-    findings,
-    judge,
-    paper_and_computed,
-    side_by_side,
-    verdict_of_all,
-)
+from pounding_sweep.paper import compare
+from pounding_sweep.paper.compare import CLOSE, WRITTEN, findings, paper_and_computed, side_by_side, verdict_of_all
 from pounding_sweep.paper.study import (
     GROUND_MOTIONS,
     LIMIT,
@@ -61,7 +52,7 @@ def contents_of(study: Study) -> dict[str, Any]:
     """Return everything that the report says, by section."""
     compared = {number: side_by_side(number, study.cube) for number in TABLES}
     readings = [READINGS[str(key)] for key in study.cube["reading"].values]
-    judgements, suspects = judge(study.cube, study.histories["pseudo_acceleration"]), findings(study.cube)
+    judgements, suspects = compare.judge(study.cube, study.histories["pseudo_acceleration"]), findings(study.cube)
     impossible = [f"{item['title']}: {item['printed']}" for item in suspects if item["impossible"]]
     attrs, method = study.cube.attrs, "the cubes differ in scheme or step"
     if {"method", "time_step"} <= attrs.keys():
@@ -70,7 +61,7 @@ def contents_of(study: Study) -> dict[str, Any]:
         method = f"{attrs['method']} with {step}, contacts {located}located inside their steps"
     return {
         "opening": verdict_of_all(compared, judgements, impossible),
-        "limits": LIMITS,
+        "limits": compare.LIMITS,
         "version": package_version(),
         "how": method,
         "readings": readings,
@@ -208,7 +199,7 @@ def _largest_grid(steps: xr.Dataset) -> Grid:
 
 def _checks_grid(cube: xr.Dataset) -> Grid:
     """Write the energy checks."""
-    checks = energy_checks(cube)
+    checks = compare.energy_checks(cube)
     rows = []
     for reading, check in product(checks["reading"].values, checks["check"].values):
         off, scale = (float(part) for part in checks.sel(reading=reading, check=check).data_vars.values())

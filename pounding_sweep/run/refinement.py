@@ -22,16 +22,8 @@ from pounding_sweep.plan.advice import ORDERLY, rounding
 from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, changed
 from pounding_sweep.records import Record
 from pounding_sweep.request.spec import step_fault
-from pounding_sweep.variables.registry import (
-    AT_REST,
-    CHANGE,
-    OUTPUT_NAMES,
-    SETTLED,
-    VALID,
-    Status,
-    comparable,
-    relative_errors,
-)
+from pounding_sweep.variables import registry
+from pounding_sweep.variables.registry import CHANGE, OUTPUT_NAMES, SETTLED, VALID, Status, comparable, relative_errors
 
 #: Halvings of a step after which single precision, and after which a scenario is given up, the first included.
 SINGLE_HALVINGS, MOST_HALVINGS = 1, 6
@@ -207,7 +199,7 @@ def run_scenarios(task: ChunkTask) -> Values:
         part = task.part(rows)._replace(kernel=halved(kernel, record))
         fine = run_once(part._replace(table=apart(kernel, part.table, coarse)))
         # floors that rest on each other magnify errors by any factor: either run errs as much as the other
-        judged = [name in AT_REST for name in outputs]
+        judged = [name in registry.AT_REST for name in outputs]
         divisors = np.where(resting[rows, None] & judged, ROUNDS, 1.0 if is_asked else np.inf)
         errors[rows] = differences(outputs, coarse, fine, divisors)
         mark_unsettled(result, outputs, errors, SETTLED)

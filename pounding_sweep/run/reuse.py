@@ -11,27 +11,12 @@ import numpy as np
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.files import FilePath
+from pounding_sweep.output import identity, scenario_rows
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
-from pounding_sweep.output.identity import (
-    MAKERS_REMEDY,
-    check_one_study,
-    differing_sweeps,
-    installed,
-    made_by,
-    motions_of,
-    recorded_sweep,
-    source,
-)
+from pounding_sweep.output.identity import check_one_study, installed, made_by, motions_of, recorded_sweep, source
 from pounding_sweep.output.netcdf import SLAB_BYTES, open_cube, slabs
 from pounding_sweep.output.results import table_type
-from pounding_sweep.output.scenario_rows import (
-    cube_columns,
-    places_of,
-    planned_columns,
-    read_rows,
-    scenario_keys,
-    varies_buildings,
-)
+from pounding_sweep.output.scenario_rows import places_of, planned_columns, read_rows, scenario_keys, varies_buildings
 from pounding_sweep.plan.plan import Plan
 from pounding_sweep.plan.scenarios import Chunk, chunk_key
 from pounding_sweep.request.spec import to_json
@@ -60,10 +45,12 @@ class EarlierCube:
             accurate = None not in self._accuracies and self._accuracies[0] <= self._accuracies[1]
             chosen = {name for name in ("method", "precision") if self._new[name] is None} | {"accuracy"}
             free = dict.fromkeys({"force_unstable", *(chosen if accurate else ())})
-            pairs = differing_sweeps(self._sweep | free, self._new | free)
+            pairs = identity.differing_sweeps(self._sweep | free, self._new | free)
             check_one_study(repr(self.path), "this sweep", pairs, "Make them agree, or run the sweep without the cube")
             made, now = made_by(cube.attrs), installed()
-            check_one_study(repr(self.path), "this sweep", [(key, made[key], now[key]) for key in now], MAKERS_REMEDY)
+            check_one_study(
+                repr(self.path), "this sweep", [(key, made[key], now[key]) for key in now], identity.MAKERS_REMEDY
+            )
             varied = varies_buildings(cube, self._sweep), len(plan.variants) > 1
             if not accurate and varied[0] != varied[1]:
                 raise InputError(
@@ -91,7 +78,9 @@ class EarlierCube:
             sizes = {str(dim): size for dim, size in cube["status"].sizes.items()}
             for slab in slabs([*sizes.values()], max(1, SLAB_BYTES // kind.itemsize)):
                 where: Any = dict(zip(sizes, slab, strict=True))
-                places = places_of(scenario_keys(cube_columns(cube.isel(where), self._sweep, sizes)), keys)
+                places = places_of(
+                    scenario_keys(scenario_rows.cube_columns(cube.isel(where), self._sweep, sizes)), keys
+                )
                 hits = np.flatnonzero((places >= 0) & missing[places])
                 if not len(hits):
                     continue

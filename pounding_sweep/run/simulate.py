@@ -19,16 +19,8 @@ from pounding_sweep.output.dataset import Coordinates, assemble
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.plan.scenarios import ChunkTask
 from pounding_sweep.records import Record, resolve_record
-from pounding_sweep.request.axes import (
-    AXES,
-    COLUMNS,
-    DIMENSIONS,
-    FACTOR_KINDS,
-    Case,
-    contact_stiffness,
-    names_by,
-    plain_name,
-)
+from pounding_sweep.request import axes
+from pounding_sweep.request.axes import AXES, COLUMNS, DIMENSIONS, Case, contact_stiffness, names_by, plain_name
 from pounding_sweep.request.build import build_spec
 from pounding_sweep.request.spec import DEFAULT_STEP, SweepSpec, case_variants, json_data
 from pounding_sweep.run.histories import histories, instants_in_contact, peak_share
@@ -375,6 +367,6 @@ def _details(spec: SweepSpec, values: Mapping[str, Any], law: Law, choice: Mappi
         listed = [_value(item, field, building) for item in spec.cases or ()]
         differs = name in choice or len({*spec.axes.get(name, listed)}) > 1 or (building and spec.cases is not None)
         if differs and name not in ignored and field != "pair_gaps" and values.get(name) is not None:
-            what = name if building is None else f"{FACTOR_KINDS[field]} of {building}"
+            what = name if building is None else f"{axes.FACTOR_KINDS[field]} of {building}"
             unit = f" {_stiffness_unit(law)}" if name == "stiffness" else ""
             yield f"{what.replace('_', ' ')} {values[name]:g}{unit}"

@@ -15,26 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.analysis.comparisons import (
-    MOTION_DIMS,
-    Row,
-    check_needs,
-    comparison,
-    get_event,
-    over_text,
-    plain_rows,
-)
+from pounding_sweep.analysis import comparisons, scenarios
+from pounding_sweep.analysis.comparisons import Row, check_needs, comparison, get_event, over_text, plain_rows
 from pounding_sweep.analysis.hazard import Hazard, hazard_of, log_normal_share
 from pounding_sweep.analysis.rebuild import intensity_of, own_intensity, periods_of
-from pounding_sweep.analysis.scenarios import (
-    described,
-    exceeds,
-    labelled,
-    numbers_in,
-    pounding_only,
-    scenario_dims,
-    trusted,
-)
+from pounding_sweep.analysis.scenarios import described, labelled, numbers_in, pounding_only, scenario_dims, trusted
 from pounding_sweep.base.errors import InputError, PoundingSweepError, check_choice
 from pounding_sweep.base.files import FilePath
 from pounding_sweep.base.text import counts_text
@@ -370,10 +355,10 @@ def fragility(
         check_needs(cube, what, pairs=True, laws=1)
         cube = pounding_only(cube)
     strength = intensity_of(cube, intensity, records=records, folders=folders)
-    trials = ["record", next((dim for dim in MOTION_DIMS[1:] if dim in cube.dims), "scale")]
+    trials = ["record", next((dim for dim in comparisons.MOTION_DIMS[1:] if dim in cube.dims), "scale")]
     cube = cube.expand_dims([dim for dim in trials if dim not in cube.dims])
     strength = strength.expand_dims([dim for dim in trials if dim not in strength.dims]).transpose(*trials)
-    happened = exceeds(cube, what, about.variable, level).transpose(..., *trials)
+    happened = scenarios.exceeds(cube, what, about.variable, level).transpose(..., *trials)
     dims = happened.dims[:-2]
     for axis in one_dispersion:
         check_choice("axis of one dispersion", axis, dims)

@@ -16,20 +16,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from pounding_sweep.analysis import scenarios
 from pounding_sweep.analysis.comparisons import Row, check_needs, comparison, over_text, plain_rows
 from pounding_sweep.analysis.comparisons.fragility import check_site
 from pounding_sweep.analysis.comparisons.stripes import gaps_of_stripes
 from pounding_sweep.analysis.hazard import Hazard, hazard_of
 from pounding_sweep.analysis.rebuild import intensity_of, stored_sweep, uncoupled_runs
-from pounding_sweep.analysis.scenarios import (
-    COMPARISON,
-    ROUND_OFF,
-    described,
-    fell,
-    labelled,
-    peak_displacement,
-    values,
-)
+from pounding_sweep.analysis.scenarios import ROUND_OFF, described, fell, labelled, peak_displacement, values
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.files import FilePath
 from pounding_sweep.model.building import Building
@@ -513,7 +506,7 @@ def gap_for_probability(
         known |= {name: known[name].isel(probability=slice(len(probabilities))) for name in ("more_than", "less_than")}
         return _with_numbers(known, numbers, probabilities, curve, context)
     gaps = cube
-    if cube.attrs.get(COMPARISON) != "required-gap":
+    if cube.attrs.get(scenarios.COMPARISON) != "required-gap":
         gaps = required_gap(cube, records, behaviour=behaviour, folders=folders)
     check_needs(gaps, "a gap for a probability", several=["record"])
     exact, level, units = gaps["exact"], xr.DataArray(1.0), ""

@@ -8,22 +8,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from pounding_sweep.analysis import scenarios
 from pounding_sweep.analysis.comparisons import Row, comparison, plain_rows
 from pounding_sweep.analysis.comparisons.responses import NO_RESPONSES
 from pounding_sweep.analysis.rebuild import stored_sweep
-from pounding_sweep.analysis.scenarios import (
-    NO_POUNDING,
-    ROUND_OFF,
-    chosen_variables,
-    described,
-    labelled,
-    law_keys,
-    long_name,
-    numbers_in,
-    pounding_only,
-    scenario_dims,
-    values,
-)
+from pounding_sweep.analysis.scenarios import ROUND_OFF, described, labelled, long_name, scenario_dims, values
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.request.design import Design, design_of
 from pounding_sweep.variables.registry import INNER_DIMS, VARIABLES
@@ -101,14 +90,16 @@ def sensitivity(
     See `pounding_sweep.analysis.comparisons.sensitivity.sobol_indices` for the estimators. A point of which one of the
     ``inputs + 2`` scenarios has no value is left out as a whole.
     """
-    numbers_in("[1, inf)", resamples, "resamples")
+    scenarios.numbers_in("[1, inf)", resamples, "resamples")
     valid = [str(name) for name in cube.data_vars if name in VARIABLES]
     if variables is None:  # the time of the first touch is missing where nothing touches
         aside = {*NO_RESPONSES, "error_estimate", "first_impact_time"}
         variables = [name for name in valid if name not in aside]
-    names = chosen_variables(cube, "a sensitivity", variables, valid, "output")
+    names = scenarios.chosen_variables(cube, "a sensitivity", variables, valid, "output")
     if "case" not in cube.dims:
-        return _shares(pounding_only(cube) if {*law_keys(cube)} - {NO_POUNDING} else cube, names)
+        return _shares(
+            scenarios.pounding_only(cube) if {*scenarios.law_keys(cube)} - {scenarios.NO_POUNDING} else cube, names
+        )
     design, labels, rows = _groups(cube)
     points, result = xr.DataArray(rows, dims=("group", "block", "sample")), xr.Dataset()
     for name in names:

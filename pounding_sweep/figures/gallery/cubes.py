@@ -19,16 +19,8 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from pounding_sweep.accuracy.tradeoff import compared, leading_outputs
 from pounding_sweep.analysis.comparisons import EVENTS, MOTION_DIMS
-from pounding_sweep.analysis.comparisons.fragility import (
-    MEANINGS,
-    NO_INTERVAL,
-    TOO_WIDE,
-    WIDE,
-    FitStatus,
-    crossed,
-    median_words,
-    merged,
-)
+from pounding_sweep.analysis.comparisons import fragility as fits
+from pounding_sweep.analysis.comparisons.fragility import TOO_WIDE, WIDE, FitStatus, crossed, median_words, merged
 from pounding_sweep.analysis.comparisons.responses import RESPONSES as AMPLIFIED
 from pounding_sweep.analysis.comparisons.responses import directions, needed_for, on_levels, responses_of
 from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES, fractiles_over, long_name, pounding_only
@@ -661,12 +653,12 @@ def _draw_fit(ax: Any, part: xr.Dataset, names: Any, style: dict[str, Any], mark
     x, happened = part["trial_intensity"].values.ravel()[tried], happened[tried]
     mark = {"color": style["color"], "marker": marker, "linestyle": "none"}
     units, fit = unit_text(part["median"].attrs), int(part["fit_status"])
-    note = MEANINGS[fit]
+    note = fits.MEANINGS[fit]
     if fit == FitStatus.FITTED:
         at, band = part["intensity"].values, part["probability_interval"].values
         low, high = part[["median_interval", "dispersion_interval"]].to_dataarray().transpose("bound", ...).values
         missing = "confidence" in part.attrs and bool(np.isnan(high).any())
-        note = TOO_WIDE if (high > WIDE * low).any() else NO_INTERVAL * missing
+        note = TOO_WIDE if (high > WIDE * low).any() else fits.NO_INTERVAL * missing
         ax.fill_between(
             at, *band, where=np.isfinite(band).all(axis=0) & (not note), color=style["color"], alpha=0.15, linewidth=0
         )
