@@ -31,10 +31,6 @@ from pounding_sweep.lanes import (
 )
 from pounding_sweep.model.laws import RESTING_SPEED
 
-#: Landings on the same touch that Newton improves, and those in all.
-MAX_NEWTON, MAX_LANDINGS = 4.0, 40.0
-#: Most of its duration by which a contact may be switched on late: by its square, energy would come from nothing.
-LATE = 0.01
 #: A displacement (m) that only a diverged run reaches.
 DIVERGED = 1.0e5
 #: Bits of the output ``flags``.
@@ -202,26 +198,7 @@ def accept_substep(group: Group, look: Truths, kind: ModuleType) -> None:
     landing = s["land"] > 0.0
     asks = ongoing & ~landing & look & (s["tries"] < forces.MAX_TRIES)
     if group.spec.implicit and group.touching:
-        # at large steps the quartic misses the touch by enough for a stiff contact to feel; Newton on the step
-        lands = ongoing & landing & (s["land"] <= MAX_NEWTON)
-        with when_any(lands):
-            change = group.scheme.touch_miss(group)
-            again = lands & ~(change == 0.0)
-            s.put(again, minimum(maximum(h - change, 0.0), s["time_left"]), "ahead")
-            with when_any(again):
-                refuse(group, again)
-        # on the way that Newton changed, another contact may have touched before
-        again = Cell(ongoing & landing & (s["accepted"] > 0.0) & (s["land"] <= MAX_LANDINGS))
-        with when_any(again.now):
-            late = group.cell(False)  # an open one would be switched on, now or later, deeper than `LATE` of its length
-            for contact in group.iter_contacts():
-                d, v = contact.pen_end, contact.rate_end
-                closes = (contact.mode == forces.OPEN) & (d > group.limit.exact) & (v > 0.0)
-                with when_any(closes):
-                    lasts = contact.law.duration(contact.stiffness, v, contact.reduced)
-                    late.now |= closes & (d > LATE * v * lasts)
-            again.now &= late.now
-        asks = asks | again.now
+        asks = asks | group.scheme.correct_landings(group, ongoing & landing)
     with when_any(asks):
         fraction = kind.locate_event(group, asks) if group.touching else group.full(1.0)
         if group.spec.yielding:

@@ -31,7 +31,7 @@ from pounding_sweep.kernel.forces import (
     stick,
 )
 from pounding_sweep.kernel.group import Contact, Group, Part, Storey, part_of, signed_sum
-from pounding_sweep.kernel.march import keep_start
+from pounding_sweep.kernel.march import keep_start, refuse
 from pounding_sweep.kernel.row import (
     Pushes,
     accelerations,
@@ -47,6 +47,10 @@ from pounding_sweep.schemes.base import Scheme
 MAX_SWEEPS = 500
 #: Product of sub-step and contact rate beyond which the contact's end force acts over all of the sub-step.
 STIFF_RATE = 2.0
+#: Landings on the same touch that Newton improves, and those in all.
+MAX_NEWTON, MAX_LANDINGS = 4.0, 40.0
+#: Most of its duration by which a contact may be switched on late: by its square, energy would come from nothing.
+LATE = 0.01
 #: Floors that a contact acts on at one of its sides, and the share of each (None: all).
 Floors = list[tuple[Index, Lanes]]
 
@@ -460,7 +464,30 @@ class Newmark(Scheme):
                 mode = where(closed & pressing, settle_yielding(contact, closed & pressing, d, v), mode)
             contact.put(closed, mode=mode)
 
-    def touch_miss(self, group: Group) -> Lanes:
+    def correct_landings(self, group: Group, lands: Truths) -> Truths:
+        """Let lanes that miss the touch on which they land try again; return those in which another came before it."""
+        # at large steps the quartic misses the touch by enough for a stiff contact to feel; Newton on the step
+        s, early = group.state, lands & (group.state["land"] <= MAX_NEWTON)
+        with when_any(early):
+            change = self._touch_miss(group)
+            again = early & ~(change == 0.0)
+            s.put(again, minimum(maximum(s["h"] - change, 0.0), s["time_left"]), "ahead")
+            with when_any(again):
+                refuse(group, again)
+        # on the way that Newton changed, another contact may have touched before
+        misses = Cell(lands & (s["accepted"] > 0.0) & (s["land"] <= MAX_LANDINGS))
+        with when_any(misses.now):
+            late = group.cell(False)  # an open one would be switched on, now or later, deeper than `LATE` of its length
+            for contact in group.iter_contacts():
+                d, v = contact.pen_end, contact.rate_end
+                closes = (contact.mode == OPEN) & (d > group.limit.exact) & (v > 0.0)
+                with when_any(closes):
+                    lasts = contact.law.duration(contact.stiffness, v, contact.reduced)
+                    late.now |= closes & (d > LATE * v * lasts)
+            misses.now &= late.now
+        return misses.now
+
+    def _touch_miss(self, group: Group) -> Lanes:
         """Time (s) by which a lane's sub-step went beyond (or fell short of) the touch that ends it."""
         late = group.cell(0.0)
         for contact in group.iter_contacts():
