@@ -113,21 +113,6 @@ class CompareOptions(InputOptions):
     over: list[str] | None = option("AXIS", "Take all values of record, scale or pga together in tables.")
     quantiles: list[float] | None = option("Q", "Fractile of the values, 0 to 1; repeat for several.", "--quantile")
 
-    def checked(self) -> tuple[list[str], dict[str, Any]]:
-        """Return the keys of the comparisons, and their arguments; raises `InputError` for options that won't do."""
-        from pounding_sweep.output.netcdf import check_output
-
-        keys = list(dict.fromkeys(self.what or COMPARISONS))
-        for name in keys:
-            check_choice("comparison", name, COMPARISONS)
-        for name in self.over or ():
-            check_choice("axis to take together", name, MOTION_DIMS)
-        arguments = self.arguments(keys)
-        for path in (self.out / f"{key}{suffix}" for key in keys for suffix in (".csv", ".nc")) if self.out else ():
-            if os.path.exists(path):  # Path.exists raises where the folder can't be read
-                check_output(path, self.overwrite, netcdf=path.suffix == ".nc")
-        return keys, arguments
-
 
 @command("report")
 def report_command(
@@ -150,12 +135,19 @@ def compare_command(options: CompareOptions, as_json: AsJson = False) -> None:
     """Compare laws, gaps, buildings and records of a cube."""
     from pounding_sweep.analysis.scenarios import law_keys, pounding_only
     from pounding_sweep.output.describe import statuses
-    from pounding_sweep.output.netcdf import open_cube
+    from pounding_sweep.output.netcdf import check_output, open_cube
     from pounding_sweep.output.select import select
     from pounding_sweep.variables.registry import VALID
 
-    at = axis_values(options.at)
-    keys, arguments = options.checked()
+    at, out, keys = axis_values(options.at), options.out, list(dict.fromkeys(options.what or COMPARISONS))
+    for name in keys:
+        check_choice("comparison", name, COMPARISONS)
+    for name in options.over or ():
+        check_choice("axis to take together", name, MOTION_DIMS)
+    arguments = options.arguments(keys)
+    for path in (out / f"{key}{suffix}" for key in keys for suffix in (".csv", ".nc")) if out else ():
+        if os.path.exists(path):  # Path.exists raises where the folder can't be read
+            check_output(path, options.overwrite, netcdf=path.suffix == ".nc")
     with open_cube(options.cube) as cube:
         laws = law_keys(pounding_only(cube))
         if options.reference is not None and laws:

@@ -224,9 +224,8 @@ def _largest(cube: xr.Dataset, name: str) -> list[str]:
     if not part.notnull().any():
         return []
     one = part.isel(part.argmax([*part.dims])).to_dataset(name="value")
-    where = [
-        f"storey {one[dim].item()}" if dim == "storey" else one[dim].item() for dim in INNER_DIMS if dim in part.dims
-    ]
+    places = {dim: one[dim].item() for dim in INNER_DIMS if dim in part.dims}
+    where = [f"storey {place}" if dim == "storey" else place for dim, place in places.items()]
     single = {str(dim): 1 for dim in part.dims if part.sizes[dim] == 1}
     return [_cell(one["value"].item() * drawn_unit(part.attrs)[1]), ", ".join(where), describe(one, single, INNER_DIMS)]
 

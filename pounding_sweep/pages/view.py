@@ -65,7 +65,8 @@ def view(
     Returns
     -------
     Path
-        The file. It holds all that it shows and asks for nothing from the network.
+        The file. It holds all that it shows and asks for nothing from the network. Values are 32-bit floats, in pages
+        of more than `MOST_EXACT` numbers rounded to 12 bits after the leading one (0.012 %), as the page says.
 
     Raises
     ------
@@ -74,11 +75,6 @@ def view(
         `MOST_NUMBERS` numbers; the message has the size of each variable.
     OutputError
         The file can't be written.
-
-    Notes
-    -----
-    Values are stored as 32-bit floats. In pages of more than `MOST_EXACT` numbers they are rounded to 12 bits after the
-    leading one (0.012 %), and the page says so.
 
     Examples
     --------
@@ -236,7 +232,7 @@ def _of_sweep(cube: xr.Dataset, file: str) -> dict[str, Any]:
     spots = dict[str, list[Any]]()
     by_name = {member["name"]: member for member in members if member["floors"]}
     if "building" in cube.coords:
-        standing = [by_name[str(name)] for name in cube["building"].values]
+        standing = (by_name[name] for name in cube["building"].values.astype(str))
         spots["building"] = [{"x": m["x"] + m["width"] / 2, "floors": m["floors"], "top": m["roof"]} for m in standing]
     if "pair" in cube.coords and "contact_elevation" in cube.coords:
         left = dict(zip(scene.pair_labels, scene.pair_of_label, strict=True))
