@@ -70,6 +70,15 @@ _FRAMES = "run frames_and_walls.toml -o frames.nc"
 _SUITE = "run suite.toml -o suite.nc"
 _ONE = "simulate quickstart.toml -o one.nc --law hertz_damped --gap 0.006"
 _YIELDING = "simulate yielding.toml -o yielding.nc --law kelvin_voigt --gap 0.01"
+_LOOPS = """\
+import pounding_sweep as ps
+from pounding_sweep.figures import plot
+from pounding_sweep.run.cyclic import fema_461
+
+flag = {"law": "flag", "beta": 0.8}
+wall = ps.Building("wall", [100.0], [4e4], yield_strengths=[200.0], hardening=0.05, hysteresis=flag)
+plot(ps.cyclic_test(wall, fema_461(0.03)), "loops", "loops.png", dpi=100)
+"""
 _SPECTRA = """\
 import pounding_sweep as ps
 from pounding_sweep.analysis import response_spectrum
@@ -96,6 +105,7 @@ _OTHERS = {
 #: Figures that other commands draw.
 _OWN = (
     Entry("response-spectra", (), "response_spectra.png", code=_SPECTRA),
+    Entry("loops", (), "loops.png", code=_LOOPS),
     Entry("ground-motion", ("records plot el_centro -o ground_motion.png",), "ground_motion.png"),
     Entry(
         "work-precision",

@@ -22,6 +22,7 @@ from pounding_sweep.output.labels import design_coordinates
 from pounding_sweep.records import pulse_record, records_dataset
 from pounding_sweep.request.build import build_spec
 from pounding_sweep.request.spec import json_data, to_json
+from pounding_sweep.run.cyclic import cyclic_test, fema_461
 from pounding_sweep.variables.registry import VARIABLES, inner_shape
 
 LAWS = ("linear", "kelvin_voigt", "none")
@@ -169,6 +170,12 @@ def spectra(count=2):
     return xr.merge([records_dataset(records), response_spectrum(records, [0.1, 0.5, 1.0], 0.05)])
 
 
+def cyclic_loops():
+    """Loops of a storey under a standard protocol."""
+    building = Building("a", [100.0], [4e4], yield_strengths=[200.0], hysteresis={"law": "flag", "beta": 0.8})
+    return cyclic_test(building, fema_461(0.03))
+
+
 def many_laws(**sizes):
     """A cube of more laws, that answer as the first."""
     first = cube(**sizes)
@@ -208,6 +215,7 @@ MAKERS = {
     "trade": trade,
     "map": stability_map,
     "spectra": spectra,
+    "test": cyclic_loops,
 }
 #: Further figures whose numbers are compared: figure, dataset, options.
 CASES = {

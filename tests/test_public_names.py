@@ -61,6 +61,7 @@ COMMANDS = {
     "report": "cube -o --output --at --title --event --level --hazard --cd --ie --q --r --records",
     "simulate": "sweep -o --output --law --gap --stiffness --stiffness-factor --restitution --record --scale --case "
     "--at --output-step",
+    "storey": "sweep name -o --output --storey --target --start",
     "animate": "sweep -o --output --start --end --frames --speed",
     "tradeoff": "sweep -o --output --steps --all --scenarios --seed --plot --workers --json",
     "extremes": "sweep --scenes --seed --law --family --precision --map --plot --workers --json",

@@ -10,14 +10,18 @@ import numpy as np
 import pytest
 from against_reference import motion
 from opensees_material import check_against_opensees, random_drifts
+from PIL import Image
+from typer.testing import CliRunner
 
 import pounding_sweep as ps
-from pounding_sweep.base.errors import SceneError
+from pounding_sweep.base.errors import InputError, SceneError
+from pounding_sweep.cli.app import app
 from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.kernel.spec import from_json, history_slots, property_slots, to_json
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.storeys import STOREY_LAWS
 from pounding_sweep.model.variants import Variants, variants_of
+from pounding_sweep.run.cyclic import fema_461
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.variables.registry import reducers_for
 
@@ -239,3 +243,25 @@ def test_bilinear_storeys_are_steel01_of_opensees():
     building = ps.Building("a", [100.0], [4e4], yield_strengths=[150.0], hardening=0.1)
     drifts = random_drifts(11, 0.03)
     assert check_against_opensees(building, "Steel01", (150.0, 4e4, 0.1), drifts).energy.values[-1].min() > 0.0
+
+
+def test_fema_461_is_two_cycles_of_each_amplitude():
+    drifts = fema_461(0.03, points=1)
+    peaks = drifts[1:-1:2]
+    assert np.array_equal(drifts[2:-1:2], -peaks)
+    assert np.array_equal(peaks[::2], peaks[1::2])
+    assert peaks[::2] == pytest.approx(0.03 / 1.4 ** np.arange(9, -1, -1))
+    assert np.diff(fema_461(0.03, 0.02)).max() <= 0.0006 + 1e-12
+    assert fema_461(0.03, 0.02).max() == 0.03
+    with pytest.raises(InputError, match=r"from 0\.1 m to 0\.03 m"):
+        fema_461(0.03, 0.1)
+
+
+def test_the_command_draws_loops_of_a_storey(tmp_path):
+    command = ["storey", "sweeps/yielding.toml", "soft", "--storey", "3", "-o", str(tmp_path / "loops.png")]
+    assert CliRunner().invoke(app, command).exit_code == 0
+    with Image.open(tmp_path / "loops.png") as picture:
+        assert min(picture.size) > 300
+    refused = CliRunner().invoke(app, [*command[:2], "sof", *command[3:]])
+    assert refused.exit_code == 2
+    assert "unknown building 'sof'; did you mean 'soft'" in refused.stderr

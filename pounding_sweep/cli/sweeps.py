@@ -10,7 +10,20 @@ from typer import Exit
 from pounding_sweep.base.errors import InputError, check_choice
 from pounding_sweep.base.text import number_text, print_json, print_pairs, print_table, printable, seconds_text
 from pounding_sweep.cli import app
-from pounding_sweep.cli.app import AsJson, Overwrite, ScenarioOptions, SweepOptions, command, flag, option, output, say
+from pounding_sweep.cli.app import (
+    AsJson,
+    Folders,
+    Overwrite,
+    ScenarioOptions,
+    SweepFile,
+    SweepOptions,
+    argument,
+    command,
+    flag,
+    option,
+    output,
+    say,
+)
 from pounding_sweep.cli.records import print_read, read_as
 
 if TYPE_CHECKING:
@@ -268,6 +281,31 @@ def animate_command(
     check_output(out, overwrite=True, netcdf=False)
     check_movie(out, frames, speed)
     print(animate(_simulate(options), out, start=start, end=end, frames=frames, speed=speed))
+
+
+@command("storey")
+def storey_command(
+    sweep: SweepFile,
+    name: str = argument("NAME", "Building of the row.", default=...),
+    storey: int = option("N", "Storey, from 1 at the bottom.", default=1),
+    out: Path = output("FILE", app.FIGURE_FILE, default=...),
+    target: float | None = option("M", "Largest drift (m); by default 3% of the storey height."),
+    start: float | None = option("M", "First amplitude (m); by default 4.8% of the largest drift."),
+    folders: Folders = None,
+) -> None:
+    """Draw loops and backbone of a storey under the drifts of FEMA 461, without dynamics."""
+    from pounding_sweep.figures import plot
+    from pounding_sweep.run.cyclic import cyclic_test, fema_461
+    from pounding_sweep.run.sweep import load_sweep
+
+    buildings = load_sweep(sweep, skip_missing_records=True, folders=folders).spec.scene.buildings
+    check_choice("building", name, [building.name for building in buildings])
+    building = next(building for building in buildings if building.name == name)
+    if target is None:
+        heights = building.storey_heights or ()
+        target = 0.03 * heights[min(storey, len(heights)) - 1]
+    test = cyclic_test(building, fema_461(target, start), storey)
+    print(plot(test, "loops", out))
 
 
 #: Options that choose a value of an axis.

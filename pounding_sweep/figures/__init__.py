@@ -28,6 +28,7 @@ SOURCES: dict[str, str] = {
     "histories": "histories of 'pounding-sweep simulate'",
     "trade": "the file of 'pounding-sweep tradeoff'",
     "map": "the file of 'pounding-sweep extremes --map MAP.nc'",
+    "test": "what `pounding_sweep.cyclic_test` returns",
     "spectra": "the file of 'pounding-sweep records plot --data MOTIONS.nc'",
 }
 #: A law with contact, and the one without, as needs.

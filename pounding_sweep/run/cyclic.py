@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import math
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +15,7 @@ from pounding_sweep.model.building import Building
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.storeys import DriftGauge, Sampled, StoreyLaw
 from pounding_sweep.model.variants import Variants, variants_of
+from pounding_sweep.request.spec import json_data
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,6 +24,8 @@ if TYPE_CHECKING:
 _MAX_BRANCHES = 100
 #: Relative error of what flows between two drifts.
 _TOLERANCE = 1e-12
+#: Factor between amplitudes of FEMA 461, and the number of amplitudes where none is given to start with.
+_GROWTH, _AMPLITUDES = 1.4, 10
 
 
 class ImposedSpring(Sampled):
@@ -105,6 +111,42 @@ class ImposedSpring(Sampled):
         return stiffness * self.imposed + constant, tangent
 
 
+def fema_461(target: float, start: float | None = None, *, points: int = 100) -> np.ndarray:
+    """Return the drifts (m) of the protocol of FEMA 461: two cycles of each amplitude, each 1.4 times the last.
+
+    Parameters
+    ----------
+    target : float
+        Largest amplitude (m); FEMA 461 recommends 3 % of the storey height.
+    start : float, optional
+        First amplitude (m), below first damage; by default that of ten amplitudes, 4.8 % of the target.
+    points : int, optional
+        Drifts from each turn to the next.
+
+    Raises
+    ------
+    InputError
+        The start is not above zero, or beyond the target.
+
+    References
+    ----------
+    FEMA 461 (2007), Interim testing protocols for determining the seismic performance characteristics of structural and
+    nonstructural components, section 2.9.
+
+    Examples
+    --------
+    >>> fema_461(0.014, 0.01, points=1).round(6).tolist()
+    [0.0, 0.01, -0.01, 0.01, -0.01, 0.014, -0.014, 0.014, -0.014, 0.0]
+    """
+    start = target / _GROWTH ** (_AMPLITUDES - 1) if start is None else start
+    if not 0.0 < start <= target < math.inf:
+        raise InputError(f"amplitudes go from {start:g} m to {target:g} m; give 0 < start <= target, in metres")
+    steps = math.ceil(math.log(target / start) / math.log(_GROWTH) - 1e-9)
+    amplitudes = np.minimum(start * _GROWTH ** np.arange(steps + 1), target)
+    turns = [0.0, *np.outer(amplitudes, [1.0, -1.0, 1.0, -1.0]).ravel().tolist(), 0.0]
+    return np.concatenate([[0.0], *(np.linspace(*ends, points + 1)[1:] for ends in pairwise(turns))])
+
+
 def imposed_spring(row: Variants, number: int, n: int) -> tuple[ImposedSpring, Any]:
     """Return a spring of a row's scene in its first state, of n histories, and what it loses per unit of ``travel``."""
     element, numbers = row.scene.springs[number], row.spring_numbers[number]
@@ -133,8 +175,8 @@ def cyclic_test(building: Building, drifts: Any, storey: int = 1) -> xr.Dataset:
     -------
     xarray.Dataset
         By ``point`` (and ``history``): ``drift`` (m), ``shear`` (kN), ``stiffness`` (kN/m), the tangent of the branch
-        on which the point was reached, and ``energy`` (kN m), dissipated so far. They are missing after the storey has
-        fallen.
+        on which the point was reached, and ``energy`` (kN m), dissipated so far. With P-Delta they are missing from
+        where the drift has reached the storey height. `figures.loops` draws it.
 
     Raises
     ------
@@ -193,4 +235,5 @@ def cyclic_test(building: Building, drifts: Any, storey: int = 1) -> xr.Dataset:
         )
         for name, (values, units, text) in about.items()
     }
-    return xr.Dataset(variables, attrs={"building": building.name, "storey": storey})
+    row_text = json.dumps(json_data(scene), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return xr.Dataset(variables, attrs={"building": building.name, "storey": storey, "scene": row_text})

@@ -31,7 +31,8 @@ from pounding_sweep.figures.style import (
     put_title,
     subplots,
 )
-from pounding_sweep.model.scene import Wall
+from pounding_sweep.model.scene import Scene, Wall
+from pounding_sweep.run.cyclic import cyclic_test
 
 #: Storeys in a panel of loops: those whose drifts are largest.
 _STOREYS = 4
@@ -182,7 +183,11 @@ def _loops(depth: np.ndarray, force: np.ndarray) -> np.ndarray:
 
 @figure_of("hysteresis", "histories", "time, storey_drift, storey_shear, plastic_drift")
 def hysteresis(one: xr.Dataset) -> Figure:
-    """Draw storey shear against drift of the storeys that yield, from 'simulate'."""
+    """Draw storey shear against drift of the storeys that yield, with their backbones, from 'simulate'.
+
+    Backbones, dashed, are what storeys resist that are pushed for the first time, as far as they moved.
+    """
+    scene = stored_scene(one)
     axes = subplots(1, one.sizes["building"], (1.0, 3.1, 3.9, 0.0), sharey=True)
     for ax, building in panels(axes[0], one, "building"):
         storeys = building.dropna("storey", how="all", subset=["storey_drift"])
@@ -191,10 +196,36 @@ def hysteresis(one: xr.Dataset) -> Figure:
             storey = storeys.isel(storey=number)
             label = f"storey {int(storey.storey)}{'' if storey.plastic_drift.any() else ', elastic'}"
             colour = COLOURS[number % len(COLOURS)]
+            reach = float(np.abs(storey.storey_drift).max())
+            _draw_backbone(ax, scene, building.building.item(), int(storey.storey), reach, 1e3, 1e-3)
             ax.plot(storey.storey_drift * 1e3, storey.storey_shear * 1e-3, color=colour, linewidth=0.7, label=label)
         ax.set_title(building.building.item())
         ax.legend(loc="upper left", fontsize=7, reverse=True)
     return finish(axes, "drift (mm)", "storey shear (MN)", scenario_title(one), legend=0)
+
+
+def _draw_backbone(ax: Any, scene: Scene, name: str, storey: int, reach: float, *factors: float) -> None:
+    """Draw what a storey that may yield resists when it is pushed to a drift (m) to either side."""
+    item = next(building for building in scene.buildings if building.name == name)
+    if item.yields[storey - 1]:
+        away = np.linspace(0.0, reach, 201)
+        push = cyclic_test(item, np.array([-away, away]).T, storey)
+        drift, shear = (np.concatenate([x[::-1, 0], x[1:, 1]]) for x in (push.drift.values, push.shear.values))
+        label = "" if "backbone" in ax.get_legend_handles_labels()[1] else "backbone"
+        style: Any = {"color": COLOURS[5], "linewidth": 1.2, "linestyle": "--", "zorder": 3}
+        ax.plot(factors[0] * drift, factors[1] * shear, label=label, **style)
+
+
+@figure_of("loops", "test", "point, drift, shear")
+def loops(test: xr.Dataset, *, ax: Any = None) -> Figure:
+    """Draw the loops of a storey under imposed drifts, and its backbone, dashed."""
+    scene, name, storey = stored_scene(test), test.attrs["building"], int(test.attrs["storey"])
+    axes = subplots(1, 1, (4.6, 0.0, 3.6, 0.0), ax)
+    axes[0, 0].plot(1e3 * test.drift, test.shear, color=COLOURS[1], linewidth=0.8, label="loops")
+    _draw_backbone(axes[0, 0], scene, name, storey, float(np.abs(test.drift).max()), 1e3, 1.0)
+    axes[0, 0].legend(loc="upper left", fontsize=8)
+    subject = f"{name}, storey {storey}; {float(test.energy.max()):.3g} kN m dissipated"
+    return finish(axes, "drift (mm)", "storey shear (kN)", subject, legend=0)
 
 
 #: Width of a building in the drawing, and the largest sway drawn, in heights of the highest building.
