@@ -174,14 +174,7 @@ def _truth(scene, law, points, scale, stop):
         for link, (_, right) in zip(scene.linked_floors, ends, strict=True)
     ]
     bumpers = [
-        (
-            scene.pair_names.index(b.pair),
-            b.storeys or None,
-            law_of(b.law),
-            b.stiffness,
-            b.restitution,
-            b.thickness,
-        )
+        (scene.pair_names.index(b.pair), b.storeys or None, law_of(b.law), b.stiffness, b.restitution, b.thickness)
         for b in scene.bumpers
     ]
     whole, e = ps.get_law(law), scene.contact.restitution

@@ -6,17 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from kernels_used import (
-    BUMPED,
-    FOUNDED,
-    LEANING,
-    LEANING_YIELDS,
-    LINKED,
-    PADDED,
-    SMOOTH,
-    STAGGERED,
-    YIELDING_SWEEP,
-)
+from kernels_used import BUMPED, FOUNDED, LEANING, LEANING_YIELDS, LINKED, PADDED, SMOOTH, STAGGERED, YIELDING_SWEEP
 from scenes import EVERY, OUTPUTS, motions, pair, yielding_pair
 
 import pounding_sweep as ps
@@ -73,6 +63,10 @@ BOTH = replace(
         ps.Wall(),
     ],
     links=[ps.Link("a-b", [2], 1e4, 150.0)],
+)
+#: A building of Bouc and Wen on a foundation, beside a bilinear one that leans.
+MIXED = replace(
+    SMOOTH, row=[replace(SMOOTH.row[0], p_delta=False, foundation=SOFT), replace(SMOOTH.row[1], hysteresis=None)]
 )
 TALL_FOUNDED = ps.Scene(
     [
@@ -239,6 +233,10 @@ KINDS = {
         scale=2.0,
         acts=lambda got: (got.ductility_max > 1.5).sum() >= 3 and got.impact_count.sum() >= 3,
         stores=("hysteretic",),
+    ),
+    "smooth, founded, beside bilinear": Kind(
+        MIXED, {}, {"rk4": (5e-4, 1e-5), "newmark": (2.5e-4, 2e-4), **_EXACT}, ("none", "linear"), points=126,
+        scale=2.0, acts=yields, stores=("hysteretic",),
     ),
     "staggered": Kind(
         STAGGERED,

@@ -108,11 +108,7 @@ def test_degenerate_trials_are_told(x, happened, status, low, high):
 @pytest.mark.parametrize(
     ("status", "between", "words"),
     [
-        (
-            "SEPARATED",
-            (0.85, 1.56),
-            "so there is no dispersion; the median is between 0.85 and 1.56 m s-2",
-        ),
+        ("SEPARATED", (0.85, 1.56), "so there is no dispersion; the median is between 0.85 and 1.56 m s-2"),
         ("SEPARATED", (2.0, 2.0), "the median is about 2 m s-2"),
         ("ONE_LEVEL", (np.nan, 4.0), "one intensity, so there is no curve; the median is below 4 m s-2"),
         ("NEVER", (4.0, np.nan), "never happened, even under the strongest motion tried; the median is above 4 m s-2"),

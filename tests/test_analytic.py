@@ -23,14 +23,6 @@ pytestmark = pytest.mark.usefixtures("pair_kernels")
 
 CONTACT_LAWS = [key for key, law in LAWS.items() if law.has_contact]
 
-MASS, STIFFNESS, ZETA = 150.0, 6.0e4, 0.05
-W = np.sqrt(STIFFNESS / MASS)
-WD = W * np.sqrt(1 - ZETA**2)
-ONE = ps.Scene([ps.Building("one", [MASS], [STIFFNESS], ZETA)])
-#: Largest relative error at the steps taken here.
-ACCURACY = {name: {4: 1e-7, 2: 3e-5}[scheme.order] for name, scheme in SCHEMES.items()}
-STEP = {name: {4: 1e-3, 2: 2e-4}[scheme.order] for name, scheme in SCHEMES.items()}
-
 
 def quiet(seconds, dt=0.01):
     return ps.Record("quiet", dt, np.zeros(round(seconds / dt) + 1))
@@ -39,53 +31,6 @@ def quiet(seconds, dt=0.01):
 def near(got, want, relative):
     want = np.asarray(want)
     np.testing.assert_allclose(got, want, rtol=0, atol=relative * np.abs(want).max())
-
-
-def closed_form(case, t):
-    """The ground's acceleration, the speed at the start, and displacements and velocities at these times."""
-    decay, c, s = np.exp(-ZETA * W * t), np.cos(WD * t), np.sin(WD * t)
-    if case == "free":
-        return 0.0 * t, 0.3, 0.3 / WD * decay * s, 0.3 * decay * (c - ZETA * W / WD * s)
-    if case == "step":
-        a0 = 1.7
-        return a0 + 0.0 * t, 0.0, -a0 / W**2 * (1.0 - decay * (c + ZETA * W / WD * s)), -a0 / WD * decay * s
-    p, a0 = 13.0, 2.0  # steady state plus the transient that starts it from rest
-    gain, lag = W**2 - p**2, 2.0 * ZETA * W * p
-    sine, cosine = -a0 * gain / (gain**2 + lag**2), a0 * lag / (gain**2 + lag**2)
-    c1, c2 = -cosine, (-sine * p - ZETA * W * cosine) / WD
-    u = sine * np.sin(p * t) + cosine * np.cos(p * t) + decay * (c1 * c + c2 * s)
-    v = p * (sine * np.cos(p * t) - cosine * np.sin(p * t))
-    v += decay * ((c2 * WD - ZETA * W * c1) * c - (c1 * WD + ZETA * W * c2) * s)
-    return a0 * np.sin(p * t), 0.0, u, v
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("case", ["free", "step", "sine"])
-def test_one_storey_follows_its_closed_form(case, method):
-    dt = 5e-4 if case == "sine" else 0.01
-    ground, start, _, _ = closed_form(case, np.arange(round(2.0 / dt) + 1) * dt)
-    record = ps.Record(case, dt, ground)
-    got = ps.simulate(ONE, record, method=method, dt=dt if case == "sine" else STEP[method], initial_velocity=[start])
-    bound = max(ACCURACY[method], 1e-5) if case == "sine" else ACCURACY[method]  # it is linear between its points
-    bound = 1e-4 if case == "sine" and method != "rk4" else bound
-    ground, _, u, v = closed_form(case, got.time.values)
-    near(got.displacement[:, 0, 0], u, bound)
-    near(got.velocity[:, 0, 0], v, bound)
-    near(got.acceleration[:, 0, 0], -2 * ZETA * W * v - W**2 * u, bound)
-    _, _, fine, rate = closed_form(case, np.linspace(0.0, 2.0, 400_001))
-    for name, want in (
-        ("displacement_max", fine.max()), ("displacement_min", fine.min()), ("drift_max", np.abs(fine).max()),
-        ("storey_shear_max", STIFFNESS * np.abs(fine).max()),
-        ("acceleration_max", np.abs(2 * ZETA * W * rate + W**2 * fine).max()),
-    ):  # fmt: skip
-        assert float(got[name].sum()) == pytest.approx(want, rel=10 * bound, abs=1e-12), name
-    # what it had and got is lost in damping or still there
-    had = 0.5 * MASS * start**2
-    assert float(got.kinetic[0, 0]) == pytest.approx(had, rel=1e-12)
-    near(
-        (got.kinetic + got.strain + got.damping - got.input)[:, 0] + 1.0, np.full(got.time.size, had + 1.0), 1e3 * bound
-    )
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -114,24 +59,6 @@ FREE = ps.Scene(
 )
 SPEEDS = [[0.1, 0.4], [-0.05, 0.1]]
 CLOSING = np.array([0.15, 0.3])
-
-
-@pytest.mark.parametrize("method", ["rk4", *(pytest.param(m, marks=pytest.mark.slow) for m in ("newmark", "exact"))])
-def test_a_tall_row_that_never_touches_follows_its_exact_solution(method):
-    """The kernel of a long row, split over several lane loops, in flight."""
-    tower = ps.Building("tower", np.linspace(130.0, 80.0, 12), np.linspace(6e5, 3e5, 12))
-    annex = ps.Building("annex", [120.0] * 5, [3.5e5] * 5)
-    record = shaking(1.5)
-    row = ps.Scene([tower, annex], gaps=[5.0])
-    contact = {"law": "kelvin_voigt", "stiffness": 8e5, "restitution": 0.6}
-    got = ps.simulate(row, record, **contact, method=method, dt=record.dt / 80, rest=0.0)
-    assert int(got.impact_count.max()) == 0
-    for b in (tower, annex):
-        u, v = modal_exact(ShearBuilding(list(b.masses), list(b.stiffnesses)), record.acceleration, record.dt)
-        tolerance = 1e-7 if method == "rk4" else 2e-3
-        mine = got.isel(time=slice(None, None, 80)).sel(building=b.name, storey=slice(1, b.n_storeys))
-        near(mine.displacement, u, tolerance)
-        near(mine.velocity, v, tolerance)
 
 
 @pytest.mark.slow

@@ -94,38 +94,9 @@ def test_loading_for_the_first_time_follows_its_closed_form(method, near):
     np.testing.assert_allclose((d - p)[:turned], dy * np.tanh(d[:turned] / dy), atol=near * dy)
 
 
-@pytest.mark.slow
-def test_the_sharper_the_nearer_to_bilinear():
-    bilinear = ps.Scene([replace(b, hysteresis=None) for b in SMOOTH.row], SMOOTH.gaps, SMOOTH.contact)
-    want = lanes(bilinear, [1.5])[1]
-    far = []
-    for n in (5.0, 20.0, 80.0):
-        sharp = ps.Scene(
-            [replace(b, hysteresis={"law": "bouc_wen", "n": n}) for b in SMOOTH.row], SMOOTH.gaps, SMOOTH.contact
-        )
-        got = lanes(sharp, [1.5])[1]
-        far.append(np.abs(got["drift_max"] / want["drift_max"] - 1.0).max())
-    assert far[0] > 2.0 * far[1] > 4.0 * far[2], far
-    assert far[2] < 0.02
-
-
 def lanes(scene, scales, law="none", dt=5e-3, twin=False, method="rk4", precision="float64"):
     numerics, given = Numerics(method, dt, precision=precision), {"scale": scales, "restitution": 1.0}
     return lane_values(scene, law, OUTPUTS, motion(101), numerics, history=not twin, twin=twin, **given)
-
-
-@pytest.mark.slow
-def test_a_bilinear_neighbour_moves_as_without_it():
-    """Storeys of both kinds in one row, which don't touch: each as beside its own."""
-    a, b = SMOOTH.buildings
-    plain = [replace(x, hysteresis=None) for x in (a, b)]
-    both, smooth, bilinear = (
-        lanes(ps.Scene(row, [1e3], SMOOTH.contact), [1.5])[1] for row in ([a, plain[1]], [a, b], plain)
-    )
-    for name in ("drift_max", "storey_shear_max", "hysteretic_energy", "acceleration_max"):
-        np.testing.assert_allclose(both[name][:, 0], smooth[name][:, 0], rtol=1e-6, err_msg=name)
-        np.testing.assert_allclose(both[name][:, 1], bilinear[name][:, 1], rtol=1e-6, err_msg=name)
-    assert np.isfinite(both["residual_drift"][:, 1]).all()
 
 
 @pytest.mark.parametrize(

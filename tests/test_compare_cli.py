@@ -303,11 +303,7 @@ def floors_file(tmp_path_factory):
     force = force.transpose(0, 2, 1)[:, None, :, None, :]  # law, gap, record, pair, storey
     shear = np.array([[[7.0, 99.0], [5.0, 99.0]], [[4.0, 99.0], [3.0, 99.0]]])[:, None, None]  # law, building, storey
     axes = {"law": ["linear", "none"], "gap": [0.01], "record": list("vwxyz")}
-    fill = {
-        "impact_force_max": force,
-        "storey_shear_max": shear,
-        "impact_count": (force > 0).astype(int),
-    }
+    fill = {"impact_force_max": force, "storey_shear_max": shear, "impact_count": (force > 0).astype(int)}
     return write_cube(hand_cube(axes, fill, scene=scene), tmp_path_factory.mktemp("floors") / "cube.nc")
 
 

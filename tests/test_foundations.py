@@ -9,11 +9,10 @@ import pytest
 from against_reference import buildings_of, motion, truth
 from hypothesis import given
 from hypothesis import strategies as st
-from kernels_used import FOUNDED, SMOOTH
+from kernels_used import FOUNDED
 from kinds import BOTH
 from reference import run
 from scenes import pair
-from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, eig, eigh
 from test_links import exact, radius
 
@@ -115,40 +114,6 @@ def test_the_twin_is_exact_without_pounding():
     want = of_floors(exact(*classical(A), motion(51, 1.5), OF_THE_BASE).T)
     found = truth(FOUNDED, "none", 51, 1.5)["displacement"][0]
     assert np.abs(found - want).max() < 1e-9 * np.abs(want).max()
-
-
-@pytest.mark.slow
-def test_storeys_of_bouc_and_wen_on_a_foundation_equal_an_integration():
-    smooth = replace(SMOOTH.buildings[0], p_delta=False, foundation=SOFT)
-    record = motion(151, 1.0)
-    one = ps.simulate(ps.Scene([smooth]), record, law="none", dt=2e-4)
-    mass, damping, stiff = classical(replace(smooth, yield_strengths=None, hardening=0.0, hysteresis=None))
-    drift = np.eye(2) - np.eye(2, k=-1)
-    k, strength, r, law = (
-        np.array(smooth.stiffnesses),
-        np.array(smooth.yield_strengths),
-        smooth.hardening,
-        smooth.hysteresis,
-    )
-    n, beta, gamma = law.n, law.beta, law.gamma
-
-    def rates(t, x):
-        w, v, z = x[:4], x[4:8], x[8:]
-        moves = drift @ v[:2]
-        less = np.concatenate([drift.T @ ((1.0 - r) * k * (drift @ w[:2] - z)), [0.0, 0.0]])
-        load = less - stiff @ w - damping @ v
-        a = np.linalg.solve(mass, load) - np.array([0, 0, np.interp(t, record.time, record.acceleration), 0])
-        share = np.abs(z * k / strength) ** n
-        return np.concatenate([v, a, moves - share * (beta * np.abs(moves) * np.sign(z) + gamma * moves)])
-
-    found = solve_ivp(
-        rates, (0.0, record.duration), np.zeros(10), "DOP853", t_eval=record.time, rtol=1e-9, atol=1e-12, max_step=1e-3
-    ).y
-    want = of_floors(found, smooth)
-    got = one.displacement.values[:: round(record.dt / 2e-4), 0]
-    assert float(one.ductility_max.max()) > 1.5
-    np.testing.assert_allclose(got, want, atol=1e-5 * np.abs(want).max())
-    assert float(one.energy_residual) < 1e-7
 
 
 @pytest.mark.parametrize("strength", [None, [1e6, 1e6]])

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from against_reference import buildings_of, motion, simulate, truth
+from against_reference import buildings_of, motion, truth
 from hypothesis import given
 from hypothesis import strategies as st
 from kernels_used import LINKED
 from kinds import TOWER_ABOVE
-from reference import ShearBuilding, run
 from scenes import pair
 from scipy.linalg import block_diag, eig, expm
 
@@ -72,19 +71,6 @@ def test_two_masses_on_a_link_by_hand():
     np.testing.assert_allclose(frequencies[0], [w, np.sqrt((k + 2.0 * kl) / m)], rtol=1e-12)
     np.testing.assert_allclose(decay[0], [c / m, (c + 2.0 * cl) / m], rtol=1e-12)
     assert scene.linked_buildings == ((0, 1),)
-
-
-@pytest.mark.slow
-def test_dashpots_in_the_shares_of_stiffness_are_rayleighs():
-    """c = b k in every storey is the damping b K, of which the exact scheme flies."""
-    bare = [replace(each, damping_ratio=0.0) for each in (A, B)]
-    b = 1e-3
-    dashed = ps.Scene([replace(x, dashpots=[b * k for k in x.stiffnesses]) for x in bare], [1.0])
-    got = simulate(dashed, "none", 101, 1.0, dt=5e-4)
-    rows = [ShearBuilding(list(x.masses), list(x.stiffnesses), rayleigh=(0.0, b)) for x in bare]
-    record = motion(101, 1.0)
-    want = run(rows, [1.0], record.acceleration, record.dt, "none")
-    np.testing.assert_allclose(got.displacement_max.values, want["displacement_max"], rtol=1e-7)
 
 
 def test_a_rigid_link_makes_neighbours_one():

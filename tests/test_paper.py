@@ -22,16 +22,7 @@ from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.paper import compare
 from pounding_sweep.paper.compare import Judgement, Outcome, Verdict, judge, side_by_side
 from pounding_sweep.paper.report import agreement, table_grid
-from pounding_sweep.paper.study import (
-    READINGS,
-    RECORDS,
-    TABLES,
-    force_fit,
-    paper_records,
-    published,
-    study,
-    sweep_of,
-)
+from pounding_sweep.paper.study import READINGS, RECORDS, TABLES, force_fit, paper_records, published, study, sweep_of
 
 SWEEPS = Path(__file__).resolve().parent.parent / "sweeps"
 HOLDS, PARTLY, FAILS, UNTESTED = Verdict

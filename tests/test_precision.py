@@ -48,8 +48,7 @@ def test_lanes_compute_nothing_in_double(method, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("name", "method"),
-    [("a long row that yields", "rk4"), ("linked towers", "exact"), ("long and bumped", "newmark")],
+    ("name", "method"), [("a long row that yields", "rk4"), ("linked towers", "exact"), ("long and bumped", "newmark")]
 )
 def test_rows_gone_through_at_run_time_are_traced(name, method):
     """They are run by night."""

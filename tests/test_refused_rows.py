@@ -35,7 +35,7 @@ REFUSED = {
         (
             {"hysteresis": {"law": "bouc_wen"}, "damping_stiffness": "tangent"},
             r"bouc_wen has no tangent stiffness that is one",
-        ),
+        )
     ],
     "link": [
         (("a-b", [3], 1.0), r"links\[0\]: there is no storey 3 of 'a'; give one of 1 to 2"),
@@ -48,9 +48,7 @@ REFUSED = {
         (("a-b", "linear", 1e5, None, None, [1, 1]), r"storey 1 of pair 'a-b' has several bumpers; give one"),
         (("a-b", {"key": "x", "exponent": 0.1}, 1e5), "law: Law 'x': exponent: 0.1 won't do"),
     ],
-    "bumpers": [
-        ([PAD, replace(PAD, storeys=[2])], "storey 2 of pair 'a-b' has several bumpers"),
-    ],
+    "bumpers": [([PAD, replace(PAD, storeys=[2])], "storey 2 of pair 'a-b' has several bumpers")],
     "isolated": [
         ({"period": 0.0}, r"base_isolated: period: 0\.0 won't do; it must be greater than 0"),
         ({"strength": -1.0}, r"base_isolated: strength: -1\.0 won't do; it must be greater than or equal to 0"),

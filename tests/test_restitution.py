@@ -8,7 +8,7 @@ from decimal import Decimal, getcontext
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from reference import two_mass_restitution
 from scenes import EVERY, call
@@ -17,7 +17,6 @@ from test_reference import REALISED
 import pounding_sweep as ps
 from pounding_sweep.accuracy.certificate import certify, deviation
 from pounding_sweep.base.errors import InputError, LawError, SweepError
-from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import (
     LAWS,
     damping_number,
@@ -269,36 +268,6 @@ def test_newmark_rebounds_at_the_realised_restitution():
     assert float((coarse / fine).min()) > 10.0  # second order: 16
     # average acceleration keeps the energy of a straight line, and a contact that yields is made of them
     assert float(deviation(certify(VALUES, ["hysteretic"], method="newmark", steps=500)).max()) < 1e-11
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("law", ["kelvin_voigt", "hertz_damped", "nonlinear_viscoelastic", "modified_kelvin_voigt"])
-@settings(deadline=None, max_examples=5)
-@given(
-    masses=st.tuples(st.floats(20.0, 500.0), st.floats(20.0, 500.0)),
-    speeds=st.tuples(st.floats(0.1, 1.0), st.floats(-1.0, 0.0)),
-    softness=st.floats(0.3, 3.0),
-)
-def test_realised_restitution_does_not_depend_on_the_masses_stiffness_or_speed(law, masses, speeds, softness):
-    """Unequal masses: what is left is the energy of the common motion and e^2 of that of the relative one."""
-    law = get_law(law)
-    scene = ps.Scene(
-        [ps.Building(n, [m], [1e-10], damping_ratio=0.0) for n, m in zip("ab", masses, strict=True)], gaps=[0.002]
-    )
-    numerics = Numerics("rk4", 2e-5)  # 200 steps in the shortest contact
-    e = np.array([0.3, 0.7])
-    kernel = RowKernel(scene, law, numerics, frozenset({"energy"}), initial_velocity=speeds, basis="realised")
-    raw = kernel.run(
-        ps.Record("quiet", 0.5, np.zeros(2)),
-        scale=np.ones(2),
-        gaps=np.full((2, 1), 0.002),
-        stiffness=np.full(2, softness * (2e6 if law.exponent == 1.0 else 1.88e7)),
-        restitution=e,
-    )
-    (m1, m2), (v1, v2) = masses, speeds
-    common = 0.5 * (m1 * v1 + m2 * v2) ** 2 / (m1 + m2)
-    relative = 0.5 * m1 * m2 / (m1 + m2) * (v1 - v2) ** 2
-    np.testing.assert_allclose((raw["e_kin"].sum(axis=1) - common) / relative, e**2, rtol=0, atol=1e-7)
 
 
 # -- sweeps and cubes --------------------------------------------------------------------------------------------------

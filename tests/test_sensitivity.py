@@ -161,11 +161,7 @@ def test_other_axes_are_told_apart_and_records_may_be_drawn(stub_engine):
             {},
             'kind "saltelli", and this cube is a part of one of kind "sobol"',
         ),
-        (
-            lambda _: sweep(design=None, gaps=[0.01]).run(workers=1),
-            {},
-            "needs an axis of several values, or a design",
-        ),
+        (lambda _: sweep(design=None, gaps=[0.01]).run(workers=1), {}, "needs an axis of several values, or a design"),
     ],
 )
 def test_what_can_not_be_done(cube, stub_engine, make, arguments, message):

@@ -99,15 +99,7 @@ def test_rows_that_are_right_at_any_step_are_ok(right, stiffness, points):
     ours = variables_of(kernel, kernel.run(record, scale=np.ones(1), twin=True, **given), outputs, record)
     assert ours["status"].tolist() == [Status.OK]
     other = reference.run(
-        buildings_of(scene),
-        scene.gaps,
-        ground,
-        record.dt,
-        "kelvin_voigt",
-        stiffness,
-        0.6,
-        rtol=1e-12,
-        atol=1e-15,
+        buildings_of(scene), scene.gaps, ground, record.dt, "kelvin_voigt", stiffness, 0.6, rtol=1e-12, atol=1e-15
     )
     assert other["impact_count"][0].sum() > 1
     for name in outputs:
@@ -125,15 +117,7 @@ def test_a_force_that_ends_and_returns_within_a_step():
     ours = found(scene, "kelvin_voigt", record, [3e4, 2e5, 1e6], [0.2, 0.3, 0.5])
     for i, (k, e) in enumerate(((3e4, 0.2), (2e5, 0.3), (1e6, 0.5))):
         other = reference.run(
-            buildings_of(scene),
-            scene.gaps,
-            record.acceleration,
-            0.02,
-            "kelvin_voigt",
-            k,
-            e,
-            rtol=1e-12,
-            atol=1e-14,
+            buildings_of(scene), scene.gaps, record.acceleration, 0.02, "kelvin_voigt", k, e, rtol=1e-12, atol=1e-14
         )
         want = {name: np.concatenate(other[name]) for name in ("impulse", "contact_time", "impact_count")}
         np.testing.assert_array_equal(ours["count"][i], want["impact_count"])

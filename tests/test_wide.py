@@ -52,8 +52,7 @@ def made(name):
 
 
 @pytest.fixture(
-    scope="module",
-    params=[pytest.param(name, marks=pytest.mark.slow) if name == "pgas" else name for name in SWEEPS],
+    scope="module", params=[pytest.param(name, marks=pytest.mark.slow) if name == "pgas" else name for name in SWEEPS]
 )
 def cube(stub_module, request):
     return made(request.param)
