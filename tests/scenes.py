@@ -33,6 +33,20 @@ AXES = {
     "outputs": OUTPUTS,
 }
 
+#: A sweep of two buildings in a file, to which its gaps and the seconds of its record are added.
+TOML_PAIR = """\
+[scene]
+gaps = [0.006]
+contact = {{ linear_stiffness = 8e5, restitution = 0.6 }}
+row = [
+    {{ name = "a", masses = [120.0, 90.0], stiffnesses = [1.5e5, 1.2e5] }},
+    {{ name = "b", masses = [80.0, 110.0], stiffnesses = [2.4e5, 2.0e5] }},
+]
+[sweep]
+records = [{{ pulse = "sine", amplitude = 4.0, period = 0.6, dt = 0.02, duration = {seconds} }}]
+laws = ["kelvin_voigt", "none"]
+"""
+
 
 def row(gaps=(0.01, 0.02)):
     """Three buildings of one storey with periods 0.63, 0.36 and 0.63 s."""

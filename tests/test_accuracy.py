@@ -212,18 +212,6 @@ def largest_error(one, exact):
     return max(float(error[0]) for error in errors.values())
 
 
-@pytest.mark.slow
-def test_simulate_reaches_it_too():
-    record = motions()[1]
-    exact = ps.simulate(pair(), record, law="linear", method="rk4", dt=2.5e-5)
-    one = ps.simulate(pair(), record, law="linear", accuracy=1e-4)
-    assert int(exact.impact_count.sum()) > 10
-    assert largest_error(one, exact) < 1e-4
-    assert "rk4" in one.attrs["accuracy_choice"]
-    assert one.attrs["time_step"] < 0.01
-    assert one.sizes["time"] == round(record.duration / one.attrs["time_step"]) + 1
-
-
 def test_simulate_needs_the_wide_format_for_its_energies():
     """The format that is asked for stays, as far as it reaches the accuracy."""
     assert make(scene=pair(), laws="linear", accuracy=1e-2).plan().numerics.precision == "float32"

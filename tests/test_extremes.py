@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from scenes import call
+from scenes import TOML_PAIR, call
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy import extremes as suite
@@ -408,24 +408,10 @@ def test_the_conclusion_is_the_worst_of_all_schemes_and_leaves_out_what_is_excus
     assert suite.conclude(suite.summarise(exact)).startswith("No result was called ok in")
 
 
-SWEEP = """\
-[scene]
-gaps = [0.006]
-contact = { linear_stiffness = 8e5, restitution = 0.6 }
-row = [
-    { name = "a", masses = [120.0, 90.0], stiffnesses = [1.5e5, 1.2e5] },
-    { name = "b", masses = [80.0, 110.0], stiffnesses = [2.4e5, 2.0e5] },
-]
-[sweep]
-records = [{ pulse = "sine", amplitude = 4.0, period = 0.6, dt = 0.02, duration = 9.0 }]
-laws = ["kelvin_voigt", "none"]
-gaps = [0.002, 0.004]
-stiffness_factors = [1.0, 2.0]
-"""
-
-
 def test_a_sweep_is_judged_at_the_ends_of_stiffness_mass_step_and_gap(tmp_path):
-    (tmp_path / "row.toml").write_text(SWEEP)
+    (tmp_path / "row.toml").write_text(
+        TOML_PAIR.format(seconds=9.0) + "gaps = [0.002, 0.004]\nstiffness_factors = [1.0, 2.0]\n"
+    )
     batches = suite.sweep_batches(ps.load_sweep(tmp_path / "row.toml").spec)
     assert [batch.scene.buildings[0].masses[0] for batch in batches] == pytest.approx(
         np.repeat([1.2, 120.0, 12000.0], 2)

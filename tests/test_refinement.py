@@ -185,20 +185,6 @@ def test_a_scenario_is_refined_alike_whatever_is_beside_it(monkeypatch):
         np.testing.assert_array_equal(whole[name].sel(gap=[0.003]).values, one[name].values, err_msg=name)
 
 
-@pytest.mark.slow
-def test_one_storey_beside_a_wall_reaches_it_too():
-    """Transfers of energy between a light contact and a building are what no calibration had foreseen."""
-    scene = ps.Scene([ps.Building("b", [200.0], [450e3], 0.02), ps.Wall("w")], [0.0024])
-    outputs = ["impact_force_max", "energy_strain", "energy_transfer_max", "energy_transfer_min", "contact_work"]
-    one = {"laws": "hertz_damped", "stiffnesses": 2e6, "restitutions": 0.8, "outputs": outputs}
-    asked, fine = (
-        flat(ps.Sweep(scene, "el_centro", **one, audit=0.0, **how).run(scheduler="synchronous"))
-        for how in ({"accuracy": 1e-2}, {"dt": 1e-4})
-    )
-    errors = relative_errors(outputs, asked, fine)
-    assert max(float(e[0]) for e in errors.values()) <= 1e-2
-
-
 def test_a_given_step_tells_its_error_where_it_is_asked_to():
     names = [*OUTPUTS, "error_estimate"]
     plain, told, half = (

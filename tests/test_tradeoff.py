@@ -12,7 +12,7 @@ import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.text import Text
-from scenes import EVERY, call, pair
+from scenes import EVERY, TOML_PAIR, call, pair
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy import tradeoff as module
@@ -36,21 +36,7 @@ SCENE = pair()
 OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "penetration_max"]
 EL_CENTRO = ps.find_record("el_centro")
 SHORT = ps.Record("short", EL_CENTRO.dt, EL_CENTRO.acceleration[50:200])  # 3 s
-TINY = """\
-[scene]
-gaps = [0.006]
-contact = { linear_stiffness = 8e5, restitution = 0.6 }
-row = [
-    { name = "a", masses = [120.0, 90.0], stiffnesses = [1.5e5, 1.2e5] },
-    { name = "b", masses = [80.0, 110.0], stiffnesses = [2.4e5, 2.0e5] },
-]
-[sweep]
-records = [{ pulse = "sine", amplitude = 4.0, period = 0.6, dt = 0.02, duration = 1.2 }]
-laws = ["kelvin_voigt", "none"]
-gaps = [0.002, 0.004, 9.0]
-[output]
-variables = OUTPUTS
-""".replace("OUTPUTS", json.dumps(EVERY))
+TINY = TOML_PAIR.format(seconds=1.2) + f"gaps = [0.002, 0.004, 9.0]\n[output]\nvariables = {json.dumps(EVERY)}\n"
 
 
 def make_sweep(**settings):
