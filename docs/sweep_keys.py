@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable
+from itertools import chain
 from typing import Any
 
 from numpydoc.docscrape import NumpyDocString
@@ -15,6 +16,7 @@ from pounding_sweep.model.laws import hertz_stiffness
 from pounding_sweep.model.presets import base_isolated
 from pounding_sweep.model.scene import Bumper, ContactProperties, Link, Restrainer, Scene, Wall
 from pounding_sweep.model.storeys import STOREY_LAWS
+from pounding_sweep.model.storeys.backbone import Deterioration
 from pounding_sweep.records import near_fault_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.request import build
 from pounding_sweep.request.axes import AXES, FACTOR_KINDS, NAMED_KINDS, Case, Range
@@ -80,6 +82,8 @@ _WORDS = {
     **dict.fromkeys(("float", "Number", "Positive", "NotNegative", "Finite"), "a number"),
     "Annotated[Positives": "a list of numbers",
     **dict.fromkeys(("OfStoreys", "OfStoreysOrZero", "Strengths"), "a number or a list of numbers"),
+    "PositiveOfStoreys": "a number or a list of numbers",
+    "OfDirections": "a number, a list of numbers or a table",
     **dict.fromkeys(("bool", "Flag"), "true or false"),
     **dict.fromkeys(("str", "Label", "str | os.PathLike[str]", "Annotated[str"), "a text"),
     "int": "a whole number",
@@ -87,9 +91,9 @@ _WORDS = {
     "Sequence[float]": "a list of numbers",
     "Annotated[float | Sequence[float]": "a number or a list of numbers",
     "Annotated[float": "a number",
-    "Annotated[Number": "a number",
+    **dict.fromkeys(("Annotated[Number", "_Share"), "a number"),
     "ContactProperties": "a table",
-    **dict.fromkeys(("Foundation", "Infill"), "a table"),
+    **dict.fromkeys(("Foundation", "Infill", "Deterioration"), "a table"),
     "Hysteresis": "a table",
     "Annotated[Any": "a name, or FILE.py:NAME",
     "Any": "a text or a table",
@@ -151,6 +155,7 @@ _TABLES: dict[str, tuple[Keys, Callable[..., Any] | None]] = {
         f'hysteresis of a building, law = "{name}"': (_parameters(law.Parameters), law.Parameters)
         for name, law in STOREY_LAWS.items()
     },
+    "deterioration of a storey law": (_parameters(Deterioration), Deterioration),
     "infill of a building": (_parameters(Infill), Infill),
     "foundation of a building": (_parameters(Foundation), Foundation),
     "isolation of a building": (
@@ -195,11 +200,12 @@ _PARAMETERS = {"variables": "outputs"}
 
 
 def _meanings(taker: Callable[..., Any] | None) -> dict[str, str]:
-    """Return what a docstring says of each parameter."""
+    """Return what a docstring says of each parameter, or those of its bases."""
     if taker is None:
         return {}
     found = {}
-    for parameter in NumpyDocString(taker.__doc__ or "")["Parameters"]:
+    bases = [base.__doc__ for base in getattr(taker, "__mro__", ())[::-1] if base is not object]
+    for parameter in chain(*(NumpyDocString(doc or "")["Parameters"] for doc in bases or [taker.__doc__])):
         for name in parameter.name.split(","):
             found[name.strip()] = " ".join(line.strip() for line in parameter.desc)
     return found

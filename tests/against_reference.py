@@ -48,6 +48,16 @@ class LawSpring:
         self.numbers, self.share = row.spring_numbers[e], row.spring_numbers[e].stiffness[0]
         self.share /= row.stiffnesses[0, scene.springs[e].floor]
         self.spring, _ = imposed_spring(row, e, 1)
+        self._note()
+
+    def _note(self):
+        """Keep what is frozen until the next event: the line, and numbers of the gauges."""
+        kt, ct = self.spring.law.line(self.spring)
+        self._line = (kt + self.numbers.geometric).item(), np.asarray(ct).item()
+        self._gauges = []
+        for gauge in self.spring.law.gauges(self.spring):
+            numbers = gauge.low, gauge.high, gauge.below, gauge.above, gauge.way, gauge.turned
+            self._gauges.append((bool(np.all(gauge.ranged)), *(np.asarray(x).item() for x in numbers)))
 
     def _at(self, d):
         other, d = copy(self.spring), np.atleast_1d(d)
@@ -58,23 +68,20 @@ class LawSpring:
         return other
 
     def line(self):
-        kt, ct = self.spring.law.line(self.spring)
-        return (kt + self.numbers.geometric).item(), np.asarray(ct).item()
+        return self._line
 
     def gauges(self, d, w):
-        for gauge in self.spring.law.gauges(self.spring):
-            low, high, below, above, way = (
-                np.asarray(x).item() for x in (gauge.low, gauge.high, gauge.below, gauge.above, gauge.way)
-            )
-            if np.all(gauge.ranged):
+        for ranged, low, high, below, above, way, turned in self._gauges:
+            if ranged:
                 yield from ((above, d - high), (below, low - d))
             if way:
-                yield np.asarray(gauge.turned).item(), -way * w
+                yield turned, -way * w
 
     def enter(self, phase, d):
         self.spring = self._at(d)
         self.spring.then = np.array([phase])
         self.spring.law.switch(self.spring, np.array([True]))
+        self._note()
 
     def stored(self, d):
         energy = self.spring.law.stored(self._at(d), d) + 0.5 * self.numbers.geometric * np.square(d)
@@ -91,8 +98,12 @@ class LawSpring:
             other.impose(np.atleast_1d(x))
             return other.shear()[0].item()
 
-        far = d - np.sign(shear(d)) * (size := 100.0 * self.numbers.yield_drift[0])
-        return brentq(shear, d, far, xtol=1e-15 * size) if shear(d) * shear(far) < 0.0 else np.nan
+        leans = self.spring.law.can_fail and self.numbers.geometric.any()  # it may run away, which no law tells
+        for size in np.array([1.0, 3.0, 10.0, 30.0, 100.0]) * (np.nan if leans else self.numbers.yield_drift[0]):
+            far = d - np.sign(shear(d)) * size
+            if shear(d) * shear(far) < 0.0:
+                return brentq(shear, d, far, xtol=1e-15 * size)
+        return np.nan
 
 
 def stiffnesses_and_strengths(building):
@@ -107,7 +118,8 @@ def stiffnesses_and_strengths(building):
 def springs_of(scene, building):
     """Springs of a building's storeys by laws that the reference itself does not know."""
     known = len(building.elements) == 1 and building.elements[0].law in ("bilinear", "bouc_wen")
-    if known and building.infill is None:
+    fails = any(law.can_fail for storey in range(building.n_storeys) for law, *_ in building.springs_of(storey))
+    if known and building.infill is None and not fails:
         return None
     first, springs = scene.offsets[scene.buildings.index(building)], {}
     for e, spring in enumerate(scene.springs):
@@ -195,7 +207,7 @@ FLOOR, CONTACT = (
     tuple(
         name
         for name, variable in VARIABLES.items()
-        if variable.dims == dims and name != "closing_max" and variable.only not in ("columns", "links")
+        if variable.dims == dims and name != "closing_max" and variable.only not in ("columns", "links", "fails")
     )
     for dims in (("building", "storey"), ("pair", "storey"))
 )

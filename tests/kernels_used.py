@@ -85,6 +85,31 @@ SMOOTH = ps.Scene(
     LEANING.contact,
 )
 SMOOTHING = ("exact", "rk4", "newmark")
+#: Storeys of each law that degrades, beyond their caps; one of them leans.
+DEGRADING = ps.Scene(
+    [
+        replace(building, yield_strengths=strengths, hardening=0.05, hysteresis=law)
+        for building, strengths, law in (
+            (
+                LEANING.buildings[0],
+                [150.0, 90.0],
+                {"law": "pinching", "cap_drift": 0.04, "residual": 0.2, "deterioration": {"strength": 0.8}},
+            ),
+            (
+                replace(LEANING.buildings[1], p_delta=False),
+                [150.0, 120.0],
+                {"law": "peak_oriented", "cap_drift": [0.03, 0.02], "post_cap": -0.05},
+            ),
+            (
+                ps.Building("c", [80.0, 60.0], [9e3, 6e3], 0.05, [4.0, 3.0], [1.0, 1.0], damping_stiffness="tangent"),
+                [120.0, 70.0],
+                {"law": "bilinear", "cap_drift": 0.04, "residual": 0.4},
+            ),
+        )
+    ],
+    [0.005, 0.01],
+    LEANING.contact,
+)
 #: The pair with a dashpot, its roofs linked; and the schemes that run it.
 LINKED = ps.Scene(
     [replace(pair().buildings[0], dashpots=[300.0, 0.0]), pair().buildings[1]],
@@ -192,6 +217,7 @@ def kernels() -> tuple[KernelSpec, ...]:
         simulated("rk4", "kelvin_voigt", scene=LEANING_YIELDS),
         *(simulated(method, "none", scene=SMOOTH) for method in ("exact", "rk4")),
         *(simulated(method, "linear", scene=SMOOTH) for method in SMOOTHING),
+        simulated("exact", "linear", scene=DEGRADING),
         *(
             simulated(method, "linear", scene=ps.Scene([replace(b, p_delta=False) for b in SMOOTH.row], [0.005]))
             for method in ("exact", "rk4")

@@ -6,7 +6,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from kernels_used import BUMPED, FOUNDED, LEANING, LEANING_YIELDS, LINKED, PADDED, SMOOTH, STAGGERED, YIELDING_SWEEP
+from kernels_used import (
+    BUMPED,
+    DEGRADING,
+    FOUNDED,
+    LEANING,
+    LEANING_YIELDS,
+    LINKED,
+    PADDED,
+    SMOOTH,
+    STAGGERED,
+    YIELDING_SWEEP,
+)
 from scenes import EVERY, OUTPUTS, motions, pair, yielding_pair
 
 import pounding_sweep as ps
@@ -237,6 +248,14 @@ KINDS = {
     "smooth, founded, beside bilinear": Kind(
         MIXED, {}, {"rk4": (5e-4, 1e-5), "newmark": (2.5e-4, 2e-4), **_EXACT}, ("none", "linear"), points=126,
         scale=2.0, acts=yields, stores=("hysteretic",),
+    ),
+    "degrading": Kind(
+        DEGRADING,
+        {"exact": (5e-3, 1e-8)},
+        {"rk4": (5e-4, 2e-5), "newmark": (2.5e-4, 2e-3), **_EXACT},
+        ("none", "linear", "hertz_damped", "stereomechanical"),
+        law="linear", points=126, scale=2.0, stores=("hysteretic",),
+        acts=lambda got: (got.ductility_max > 3.0).sum() >= 3 and got.impact_count.sum() >= 3,
     ),
     "staggered": Kind(
         STAGGERED,

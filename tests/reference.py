@@ -532,15 +532,16 @@ class _Solver:
                     found[p] += damper_force(rule, self.k[p], d[p], v[p], self.row.meff[p], self.v0[p], self.z[p])
         return found
 
-    def storeys(self, y):
-        """Return (drift, plastic drift, shear) of every storey in the frozen phases."""
+    def storeys(self, y, of_springs=False):
+        """Return (drift, plastic drift, shear) of every storey in the frozen phases; plastic ones `of_springs` too."""
         row, column = self.row, (slice(None),) + (None,) * (y.ndim - 1)
         drift = row.drift @ y[self.iu]
         plastic = np.where(self.phase[column] == 0.0, self.slip[column], drift - (self.phase * row.yield_drift)[column])
         plastic[row.smooth] = y[self.i_plastic]
         shear = row.k_storey[column] * (drift - row.softening[column] * plastic)
         for i, springs in row.springs.items():
-            plastic[i] = sum(spring.slip(drift[i]) for spring in springs)
+            if of_springs:
+                plastic[i] = sum(spring.slip(drift[i]) for spring in springs)
             shear[i] = sum(spring.line()[0] * drift[i] + spring.line()[1] for spring in springs)
         return drift, plastic, np.where(np.isnan(row.k_storey)[column], row.shear @ y[self.iu], shear)
 
@@ -570,7 +571,7 @@ class _Solver:
         if row.undamped.any():
             column, share = (slice(None),) + (None,) * (v.ndim - 1), np.abs(self.phase)
             for i, springs in row.springs.items():
-                kt = sum(spring.line()[0] for spring in springs)
+                kt = max(sum(spring.line()[0] for spring in springs), 0.0)
                 share[i] = (1.0 - kt / row.k_storey[i]) / row.softening[i]
             found = found - row.drift.T @ ((row.undamped * share)[column] * (row.drift @ v))
         return found
@@ -1090,7 +1091,7 @@ def run(
         "link_force": row.by_building(pull),
         "energy_links": y[s.i_link].copy() if len(row.across) else np.zeros(nb),
         "energy_of_links": float(np.sum(y[s.i_lost]) + 0.5 * np.sum(row.k_link * (row.across @ y[s.iu]) ** 2)),
-        "plastic_drift_final": row.by_building(s.storeys(y)[1]),
+        "plastic_drift_final": row.by_building(s.storeys(y, of_springs=True)[1]),
         "ductility_max": row.by_building(
             drift * row.k_storey / np.where(np.isfinite(row.strength), row.strength, np.nan)
         ),

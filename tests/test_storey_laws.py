@@ -26,6 +26,9 @@ from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.variables.registry import reducers_for
 
 each_law = pytest.mark.parametrize("name", STOREY_LAWS)
+#: In steps by day: pinching storeys do all that peak-oriented ones do.
+BY_DAY = [pytest.param(name, marks=[pytest.mark.slow] * (name == "peak_oriented")) for name in STOREY_LAWS]
+each_by_day = pytest.mark.parametrize("name", BY_DAY)
 
 
 #: Test module of each law, named as it: its `PARAMETERS`, and shears by a `reference` that follows drifts one by one.
@@ -46,7 +49,7 @@ def row(name):
     )
 
 
-@each_law
+@each_by_day
 @pytest.mark.parametrize(("method", "dt"), [("rk4", 2e-3), ("newmark", 2e-3), ("exact", 4e-3)])
 @pytest.mark.usefixtures("twin")
 def test_shears_are_those_of_the_reference(name, method, dt):
@@ -108,7 +111,7 @@ def test_exact_flies_where_the_first_branch_has_the_stiffness_of_the_storey(name
 
 
 @pytest.mark.parametrize("method", ["rk4", "exact"])
-@pytest.mark.parametrize("second", STOREY_LAWS)
+@pytest.mark.parametrize("second", BY_DAY)
 @pytest.mark.parametrize("way", ["elements", "infill"])
 @pytest.mark.usefixtures("twin")
 def test_springs_of_a_storey_bear_the_sum_of_their_shears(way, second, method):

@@ -91,7 +91,7 @@ def _put_line(spring: StoreySpring, lanes: Truths) -> None:
     spring.put(lanes, kt=kt, ct=ct)
     if spring.group.spec.tangent:
         k = spring.storey.stiffness
-        spring.put(lanes, kd=fma(spring.storey.tangent, kt - k, spring.group.full(k)))
+        spring.put(lanes, kd=maximum(fma(spring.storey.tangent, kt - k, spring.group.full(k)), 0.0))
 
 
 def shear(storey: Storey, name: ByFloor = "u") -> Lanes:
@@ -103,6 +103,13 @@ def shear(storey: Storey, name: ByFloor = "u") -> Lanes:
         constant = constant or not isinstance(name, str)
     rising = kt * storey.drift(name)
     return rising + ct if constant else rising
+
+
+def borne(storey: Storey, name: ByFloor = "u") -> Lanes:
+    """Shear of a storey, which bears what the weights above it push too."""
+    if not storey.group.spec.p_delta:
+        return shear(storey, name)
+    return shear(storey, name) + storey.geometric * storey.drift(name)
 
 
 def find_sets(group: Group) -> None:
@@ -214,6 +221,8 @@ def apply_events(group: Group, lands: Truths, h: Lanes) -> Truths:
         due = lands & (turn < 1.0) & (turn <= group.state["fraction"] + group.limit.same_time)
         with when_any(due):
             enters = due
+            if spring.law.softens and "shear" in group.requested:  # which is largest where a branch ends
+                spring.put(due, shear=maximum(spring.shear, size(borne(spring.storey))))
             if group.spec.limited:
                 falls = spring.then == collapse.FALLEN
                 collapse.fall(spring, due & falls, h)

@@ -100,11 +100,13 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def meanings(taker: Any) -> dict[str, str]:
-    """Return the first sentence that a docstring says of each parameter."""
-    section = (inspect.getdoc(taker) or "").partition("\n----------\n")[2].partition("\n\n")[0]
+    """Return the first sentence that a docstring says of each parameter, or those of its bases."""
     return {
         name: re.split(r"[.;:] ", " ".join(text.split()))[0].rstrip(".")
-        for names, text in _PARAMETER.findall(section)
+        for item in reversed(getattr(taker, "__mro__", [taker]))
+        for names, text in _PARAMETER.findall(
+            (inspect.getdoc(item) or "").partition("\n----------\n")[2].partition("\n\n")[0]
+        )
         for name in names.split(", ")
     }
 

@@ -390,7 +390,7 @@ def _first_fall(results: KernelResults, of_time: bool) -> np.ndarray:
 
 def _shears(group: Group, straight: bool) -> Iterator[Motion]:
     for storey in group.iter_storeys(group.spec.yielding, straight or bool(group.spec.flowing)):
-        i, of, soft = storey.index, partial(_borne, storey), partial(_softness, storey, True)
+        i, of, soft = storey.index, partial(hysteresis.borne, storey), partial(_softness, storey, True)
         flows = isinstance(i, int) and i in group.spec.flowing
         # a shear that is a straight line turns with the drift, which is asked for too
         yield Motion(("shear", i), None, True, soft, of, **({} if flows else {"shear": i, "alone": False}))
@@ -420,13 +420,6 @@ def _softness(storey: Storey, of_shear: bool = False) -> Any:
     k = storey.group.full(storey.stiffness)
     borne = k + storey.geometric if storey.group.spec.p_delta else k
     return borne * borne / k if of_shear else 1.0 / k
-
-
-def _borne(storey: Storey, name: Any = "u") -> Any:
-    """Shear of a storey, which bears what the weights above it push too."""
-    if not storey.group.spec.p_delta:
-        return hysteresis.shear(storey, name)
-    return hysteresis.shear(storey, name) + storey.geometric * storey.drift(name)
 
 
 def _column_shear(results: KernelResults, end: int) -> np.ndarray:

@@ -22,7 +22,13 @@ FAILED = 900.0
 
 @checked
 class Shares:
-    """Shares of a storey's stiffness and strength that an element has, where a storey has several."""
+    """What parameters of any law hold.
+
+    Parameters
+    ----------
+    stiffness_share, strength_share : float
+        Shares of the storey's stiffness and strength, where several elements share a storey.
+    """
 
     stiffness_share: Annotated[Number, Field(gt=0.0, le=1.0)] = field(default=1.0, kw_only=True, repr=False)
     strength_share: Annotated[Number, Field(gt=0.0, le=1.0)] = field(default=1.0, kw_only=True, repr=False)
@@ -129,6 +135,7 @@ class StoreyLaw(ABC):
     rows: ClassVar[tuple[str, ...]] = ("phase", "slip")
     #: rows that a sub-step moves, which is undone where it is tried again
     moving: ClassVar[tuple[str, ...]] = ()
+    softens: ClassVar[bool] = False  # its shear may fall with the drift
     has_tangent: ClassVar[bool] = True  # its tangent stiffness is one number while a storey yields
     can_fail: ClassVar[bool] = False  # whether it may lose all strength, its row ``phase`` being `FAILED` from then on
     #: whether a drift and the energy put in bound what it loses

@@ -3,7 +3,8 @@
     V = r k d + (1 - r) k (d - p),    |d - p| <= dy
 
 d is the drift, p its plastic part, r the hardening and dy the yield drift. While a storey is elastic (phase 0) p stands
-still; while it yields (phase 1 or -1) p follows the drift at the distance dy, until it turns.
+still; while it yields (phase 1 or -1) p follows the drift at the distance dy, until it turns. With a cap, an ultimate
+drift or deterioration, the lines of both directions are those of a backbone, and unloading goes from one to the other.
 """
 
 from __future__ import annotations
@@ -14,27 +15,30 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pounding_sweep.lanes import size, where
+from pounding_sweep.base.errors import SceneError
+from pounding_sweep.lanes import maximum, minimum, size, where
 from pounding_sweep.model.faults import checked
-from pounding_sweep.model.storeys.base import DriftGauge, Shares, StoreyLaw
+from pounding_sweep.model.storeys.backbone import FAR, UNLOADING, Backbone, BackboneLaw
+from pounding_sweep.model.storeys.base import DriftGauge, Numbers, StoreyLaw
 
 
 @checked
-class BilinearParameters(Shares):
-    """Bilinear shear with kinematic hardening, of `yield_strengths` and `hardening`.
-
-    Parameters
-    ----------
-    stiffness_share, strength_share : float
-        Shares of the storey's stiffness and strength, where several elements share a storey.
+class BilinearParameters(Backbone):
+    """Bilinear shear with kinematic hardening, of `yield_strengths` and `hardening`; of a backbone, if it has more.
 
     References
     ----------
     Clough & Johnston (1966), Effect of stiffness degradation on earthquake ductility requirements, Proc. Japan
-    Earthquake Engineering Symposium.
+    Earthquake Engineering Symposium. Lignos & Krawinkler (2011), Deterioration modeling of steel components in support
+    of collapse prediction of steel moment frames under earthquake loading, J. Struct. Eng. 137(11).
     """
 
     law: Literal["bilinear"] = field(default="bilinear", kw_only=True, repr=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.deterioration is not None and self.deterioration.reloading is not None:
+            raise SceneError("bilinear storeys do not reload to a drift; leave it out", ("deterioration", "reloading"))
 
 
 class Bilinear(StoreyLaw):
@@ -42,6 +46,19 @@ class Bilinear(StoreyLaw):
 
     name = "bilinear"
     Parameters = BilinearParameters
+
+    def compiled(self, parameters: BilinearParameters) -> tuple[float, ...]:
+        """Return whether it deteriorates, of one that has more of a backbone."""
+        more = parameters.cap_drift, parameters.ultimate_drift, parameters.deterioration
+        return () if more == (None, None, None) else CAPPED.compiled(parameters)
+
+    def variant(self, compiled: tuple[float, ...]) -> StoreyLaw:
+        """Return the law of one that has more of a backbone."""
+        return CAPPED if compiled else self
+
+    def ultimate_drifts(self, parameters: BilinearParameters, numbers: Numbers) -> tuple[Any, Any]:
+        """Return those of the backbone."""
+        return CAPPED.ultimate_drifts(parameters, numbers)
 
     def line(self, spring: Any) -> tuple[Any, Any]:
         """Elastic, or along the line of a side."""
@@ -80,4 +97,37 @@ class Bilinear(StoreyLaw):
         return np.where((r < 0.0) & (np.abs(p) > back), np.nan, rest)
 
 
+class Capped(BackboneLaw):
+    """Elastic between the backbones of both directions, which do not move but by deterioration."""
+
+    name = "bilinear"
+    Parameters = BilinearParameters
+
+    def _unload_to(self, p: Any) -> Any:
+        """Return where unloading ends: on the other backbone, or without shear, where that may change the backbone."""
+        if p.spring.compiled[0]:
+            return super()._unload_to(p)
+        other = self._side(p.spring, ~p.up)
+        self._backbone(other)
+        return -self._meet(other, -p.x, -p.f, p.unload)
+
+    def _meet(self, p: Any, x: Any, f: Any, k: Any) -> Any:
+        """Drift at which a line of stiffness k through a point below it meets a backbone."""
+        steeper = k > p.hard
+        hard = where(steeper, x + (p.hard_line + p.hard * x - f) / where(steeper, k - p.hard, 1.0), FAR)
+        soft = x + (p.soft_line + p.soft_stiffness * x - f) / (k - p.soft_stiffness)
+        return maximum(x, maximum(minimum(hard, soft), x + (p.residual - f) / k))
+
+    def _go_on(self, p: Any) -> tuple[Any, ...]:
+        """Go on elastically as the shear changes its sign, else along the backbone."""
+        rank, slope, offset, low, high = self._on_backbone(p)
+        if p.spring.compiled[0]:
+            elastic = p.crosses
+            rank, slope = where(elastic, UNLOADING, rank), where(elastic, p.unload, slope)
+            offset = where(elastic, p.f - p.unload * p.x, offset)
+            low, high = where(elastic, p.x, low), where(elastic, self._meet(p, p.x, p.f, p.unload), high)
+        return rank, slope, offset, low, high
+
+
+CAPPED = Capped()
 LAW = Bilinear()

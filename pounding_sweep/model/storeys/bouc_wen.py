@@ -43,8 +43,6 @@ class BoucWenParameters(Shares):
     beta, gamma : float
         Shape of loops, numbers without a unit, -beta < gamma <= beta. At their default z tends to the yield drift,
         and unloading is straight; in general to dy / (beta + gamma)**(1 / n).
-    stiffness_share, strength_share : float
-        Shares of the storey's stiffness and strength, where several elements share a storey.
 
     References
     ----------
