@@ -34,6 +34,48 @@ def has_wide_registers() -> bool:
     return "+avx512f" in (features if features is not None else get_host_cpu_features().flatten()).split(",")
 
 
+@cache
+def _constant(kind: Any, text: str) -> Any:
+    """Return a constant of LLVM, one object for the same number: its text is written once."""
+    return ir.Constant(kind, float(text) if kind in (_SINGLE, _DOUBLE) else int(text))
+
+
+@cache
+def _spread(x: Any, lanes: int) -> Any:
+    return ir.Constant(ir.VectorType(x.type, lanes), [x.constant] * lanes)
+
+
+def _once(name: str) -> Any:
+    def write(self: Builder, *operands: Any, **options: Any) -> Any:
+        parts = (x if isinstance(x, list | ir.Type) else [x] for x in operands)
+        key = name, *(x if isinstance(x, ir.Type) else tuple(map(id, x)) for x in parts)
+        if key not in self.written:
+            self.written[key] = getattr(ir.IRBuilder, name)(self, *operands, **options), operands
+        return self.written[key][0]
+
+    return write
+
+
+class Builder(ir.IRBuilder):
+    """A builder that writes the same address or whole number once, where what follows has it."""
+
+    add, sub, mul, bitcast, gep = map(_once, ("add", "sub", "mul", "bitcast", "gep"))
+
+    def __init__(self, block: Any) -> None:
+        super().__init__(block)
+        #: Values by how they are written; their operands, whose identities tell them apart, last as long.
+        self.written: dict[Any, Any] = {}
+
+    @contextmanager
+    def if_then(self, pred: Any, likely: bool | None = None) -> Iterator[Any]:
+        """Write what may be passed over, so that nothing of it is there afterwards."""
+        count = len(self.written)
+        with super().if_then(pred, likely) as end:
+            yield end
+        while len(self.written) > count:
+            self.written.popitem()
+
+
 class Tracer:
     """The LLVM function that is being built."""
 
@@ -54,13 +96,13 @@ class Tracer:
         x = float(x)
         if self.size == 4 and x != 0.0 and np.isfinite(x):
             x = float(np.float32(np.copysign(min(max(abs(x), 1e-37), 1e38), x)))
-        return ir.Constant(self.real, x)
+        return _constant(self.real, repr(x))
 
     def spread(self, x: Any) -> Any:
         """Return a value in all lanes."""
         kind = ir.VectorType(x.type, self.lanes)
         if isinstance(x, ir.Constant):
-            return ir.Constant(kind, [x.constant] * self.lanes)
+            return _spread(x, self.lanes)
         one = self.builder.insert_element(ir.Constant(kind, ir.Undefined), x, ir.Constant(_I32, 0))
         return self.shuffle(one, ir.Constant(kind, ir.Undefined), [0] * self.lanes)
 
@@ -86,14 +128,11 @@ class Tracer:
     def go_round(self, asks: Callable[[], Any]) -> Iterator[None]:
         """Go round while a truth holds that is worked out before each round."""
         b = self.builder
-        head, body, out = (b.append_basic_block(name) for name in ("ask", "round", "done"))
-        b.branch(head)
+        b.branch(head := b.append_basic_block("ask"))
         b.position_at_end(head)
-        b.cbranch(asks(), body, out)
-        b.position_at_end(body)
-        yield
-        b.branch(head)
-        b.position_at_end(out)
+        with b.if_then(asks()):
+            yield
+            b.branch(head)
 
 
 def _lifted(a: Any, b: Any) -> tuple[Tracer, Any, Any, Any]:
@@ -156,7 +195,7 @@ class Value:
             return trace.spread(x.value) if cls.per_lane and not x.per_lane else x.value
         if cls is Mask:
             return ir.Constant(trace.mask, [-int(bool(x))] * trace.lanes)
-        literal = trace.number(x) if cls.kind == "number" else ir.Constant(_INTEGERS[cls.kind], int(x))
+        literal = trace.number(x) if cls.kind == "number" else _constant(_INTEGERS[cls.kind], str(int(x)))
         return trace.spread(literal) if cls.per_lane else literal
 
 
@@ -546,7 +585,7 @@ class Table:
     def _place(self, form: type[Value], at: Any) -> tuple[Any, Any, Any]:
         """Where numbers lie, and LLVM's types of the format of the lanes and of that in which they are stored."""
         t: Any = self.trace
-        place = t.builder.gep(self.pointer, [at.value if isinstance(at, Count) else ir.Constant(_I64, at)], True)
+        place = t.builder.gep(self.pointer, [Count.lift(t, at)], True)
         number = _DOUBLE if self._double else t.real
         return (place, t.vector, ir.VectorType(number, t.lanes)) if form is Vector else (place, t.real, number)
 

@@ -17,6 +17,7 @@ from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.spec import LANES, N_ARGUMENTS, PARAMETERS, KernelSpec, history_slots, input_slots
 from pounding_sweep.kernel.turns import Course, Flights, Turns, run_scenarios
 from pounding_sweep.lanes import (
+    Builder,
     Cell,
     Count,
     Ledger,
@@ -117,13 +118,14 @@ def run_twin(spec: KernelSpec, *numbers: Any) -> None:
 
 def emit(spec: KernelSpec, builder: Any, place: Any) -> None:
     """Write the kernel of `spec`, or its flight, where `builder` stands; `place` is the address of its frame."""
-    with tracing(trace := Tracer(builder, spec.precision, width(spec.precision))):
-        frame = builder.inttoptr(place, _I64.as_pointer())
+    with tracing(trace := Tracer(writer := Builder(builder.block), spec.precision, width(spec.precision))):
+        frame = writer.inttoptr(place, _I64.as_pointer())
         values, shapes = _read_frame(trace, frame)
-        ledger = Ledger(builder.gep(frame, [_I64(N_ARGUMENTS)], inbounds=True), begins=not spec.only_flight)
+        ledger = Ledger(writer.gep(frame, [_I64(N_ARGUMENTS)], inbounds=True), begins=not spec.only_flight)
         kind = ir.FunctionType(ir.VoidType(), [_I64]).as_pointer()
-        fly = partial(builder.call, builder.inttoptr(values["flight"].value, kind), [place])
+        fly = partial(writer.call, writer.inttoptr(values["flight"].value, kind), [place])
         _run(spec, trace, values, shapes, ledger, fly)
+    builder.position_at_end(writer.block)
 
 
 def _read_frame(trace: Tracer, frame: Any) -> tuple[dict[str, Any], dict[str, list[Count]]]:
@@ -262,14 +264,14 @@ def noter(group: Group, put: Callable[[Any, int, Any], None], first: Any) -> Cal
 
 
 def _optimise_once(library: Any) -> None:
-    """Have a kernel's code go through one optimisation, where numba has two; its vectors are written as such."""
+    """Have a kernel's code go through one optimisation of LLVM's first level: others take longer, for no faster code."""
     from llvmlite import binding
 
     def functions(module: Any) -> None:
         module.data_layout = library.codegen._data_layout
 
     def all_of_it() -> None:
-        options = binding.create_pipeline_tuning_options(speed_level=3)
+        options = binding.create_pipeline_tuning_options(speed_level=1)
         options.loop_vectorization = options.slp_vectorization = options.loop_interleaving = False
         options.loop_unrolling = False  # which takes long, and longer code
         builder = binding.create_pass_builder(library.codegen._tm, options)

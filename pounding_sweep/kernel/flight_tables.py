@@ -79,7 +79,7 @@ class Tables(_Filler):
             flight.base.now = layout.base(row, self.points)
             start = row * (len(layout.decays) * layout.wide_modes) + self.points + HEAD
             flight.put_decays(self.decays, start)
-            for part in flight.mode_parts:
+            for part in count_to(len(flight.mode_parts)):
                 c = {
                     name: self.decays.vector(start + (k * layout.wide_modes + part * lanes))
                     for k, name in enumerate(layout.decays)
@@ -88,17 +88,24 @@ class Tables(_Filler):
                 if "input" in layout.timed:
                     self._give_back(c, part)
             self._turn_over()
-            for part in flight.watched_parts:
-                self._weigh_ground(part)
-                if flight.group.spec.windows:
-                    self._follow(part)
-                    self._widen(part)
+            for shaken, run in groupby(flight.watched_parts, self._shaken_in):
+                first, *others = run
+                for k in count_to(1 + len(others)):
+                    self._weigh_ground(first + k)
+                    if flight.group.spec.windows:
+                        self._follow(first + k, shaken)
+                        self._widen(first + k)
 
-    def _put(self, name: str, t: Index, part: int, x: Lanes) -> None:
+    def _shaken_in(self, part: int) -> frozenset[bool]:
+        """Whether what is watched in a part is total accelerations: all, some or none of it."""
+        watched = self.layout.watched[part * self.lanes : (part + 1) * self.lanes]
+        return frozenset(quantity.kind == ACCELERATION for quantity in watched)
+
+    def _put(self, name: str, t: Index, part: Index, x: Lanes) -> None:
         at = t * self.layout.timed[name] + part * self.lanes
         self.flight.tables.put_vector(self.flight.place_of(name) + at, x)
 
-    def _move(self, c: dict[str, Lanes], part: int) -> None:
+    def _move(self, c: dict[str, Lanes], part: Index) -> None:
         """Motions of the modes of one vector from point to point; what the ground puts in."""
         zero = c["push"] * 0.0
         energies = "input" in self.layout.timed
@@ -123,7 +130,7 @@ class Tables(_Filler):
                 q.now, p.now = q1, p1
         self.flight.rows["amplitude", part] = self.narrow(sqrt(most.now))
 
-    def _give_back(self, c: dict[str, Lanes], part: int) -> None:
+    def _give_back(self, c: dict[str, Lanes], part: Index) -> None:
         """Fill in what a free motion will still take from the ground, backwards from its end."""
         zero = c["push"] * 0.0
         q, p = Cell(zero), Cell(zero)
@@ -148,7 +155,7 @@ class Tables(_Filler):
                 put(f.place_of("rate") + m * many + t, h * f.number("p", at))
             put(f.place_of("ground") + t, self.narrow(self._ground(t)))
 
-    def _weigh_ground(self, part: int) -> None:
+    def _weigh_ground(self, part: Index) -> None:
         """Find how far what is watched leaves its chords, and the hulls of cubics, at most, without pounding."""
         f, h = self.flight, self.flight.number("step")
         for name, tables, share in (("bulge0", self.layout.bounds, 8.0), ("missed0", self.layout.bulges, 48.0)):
@@ -160,18 +167,19 @@ class Tables(_Filler):
                     total.now = fma(self._across(table, m, part), a, total.now)
             f.tables.put_vector(f.place_of(name) + part * self.lanes, total.now * (h * h * (1.0 / share)))
 
-    def _across(self, name: str, m: Index, part: int) -> Lanes:
+    def _across(self, name: str, m: Index, part: Index) -> Lanes:
         """Return what mode m adds to what is watched."""
         return self.flight.vector(name, m * self.layout.wide_watched + part * self.lanes)
 
-    def _watched_at(self, t: Index, part: int, first: int = 0, count: int = 4) -> list[Lanes]:
+    def _watched_at(
+        self, t: Index, part: Index, shaken_in: frozenset[bool], first: int = 0, count: int = 4
+    ) -> list[Lanes]:
         """Find what is watched at point t, and its rates times powers of the step, from the `first` on.
 
         What the rise of the ground adds to them is apart.
         """
         f, ground = self.flight, self.narrow(self._ground(t))
         sums = [f.times.cell(0.0) for _ in range(count)]
-        kinds = {quantity.kind for quantity in self.layout.watched[part * self.lanes : (part + 1) * self.lanes]}
         h, per, shaken = f.number("step"), f.number("inverse"), f.part("shaken", part) > 0.5
         for m in count_to(self.modes) if first else f.indices(self.modes, 4):
             q, p = (f.number(name, t * self.layout.wide_modes + m) for name in "qp")
@@ -184,15 +192,15 @@ class Tables(_Filler):
             if f.coupled:
                 for value, cell in zip(rates[first + 1 :], sums, strict=False):
                     cell.now = fma(self._across("across_rate", m, part), value, cell.now)
-            elif ACCELERATION in kinds:
+            elif True in shaken_in:
                 for k, rate in enumerate(rates[first + 2 : first + count + 2]):
                     shake = per * (rate if first + k else total)
-                    values[k] = where(shaken, shake, f.times.full(values[k])) if len(kinds) > 1 else shake
+                    values[k] = where(shaken, shake, f.times.full(values[k])) if False in shaken_in else shake
             for value, cell in zip(values, sums, strict=True):
                 cell.now = fma(self._across("across", m, part), value, cell.now)
         return [cell.now for cell in sums]
 
-    def _pushed(self, part: int) -> list[Lanes]:
+    def _pushed(self, part: Index) -> list[Lanes]:
         """How much of the ground's rise in a step the second to the fifth rate of what is watched take off."""
         f, sums = self.flight, [Cell(self.flight.times.full(0.0)) for _ in range(4)]
         per, shaken, full = f.number("inverse"), f.part("shaken", part) > 0.5, f.times.full
@@ -209,23 +217,23 @@ class Tables(_Filler):
                 cell.now = fma(weight, x, cell.now)
         return [cell.now for cell in sums]
 
-    def _follow(self, part: int) -> None:
+    def _follow(self, part: Index, shaken_in: frozenset[bool]) -> None:
         """Extremes of what is watched in each step of the grid, and up to each point."""
         f = self.flight
-        x, *rates = self._watched_at(0, part)
+        x, *rates = self._watched_at(0, part, shaken_in)
         before, pushed = [Cell(value) for value in (x, *rates)], self._pushed(part)
         peak, trough = Cell(x), Cell(x)
         self._put("peak", 0, part, x)
         self._put("trough", 0, part, x)
         for k in count_to(self.last):
-            now = self._watched_at(k + 1, part)
+            now = self._watched_at(k + 1, part, shaken_in)
             (x0, s0, c0, j0), (x1, s1, c1, j1) = [cell.now for cell in before], now
             rise = self.narrow(self._ground(k + 1) - self._ground(k))
             c, j, *more = (share * rise for share in pushed)
             start, end = (x0, s0, c0 - c, j0 - j), (x1, s1, c1 - c, j1 - j)
 
             def higher(k: Index = k, more: Sequence[Lanes] = more) -> list[tuple[Lanes, Lanes]]:
-                early, late = (self._watched_at(t, part, 4, 2) for t in (k, k + 1))
+                early, late = (self._watched_at(t, part, shaken_in, 4, 2) for t in (k, k + 1))
                 return [(x - less, y - less) for x, y, less in zip(early, late, more, strict=True)]
 
             so_far = peak.now, trough.now
@@ -241,7 +249,7 @@ class Tables(_Filler):
             self._put(name, self.last, part, before[0].now)
         f.rows["reach", part] = maximum(size(peak.now), size(trough.now)) * self.margin
 
-    def _widen(self, part: int) -> None:
+    def _widen(self, part: Index) -> None:
         """Extremes of windows from each point on, out of those of single steps."""
         f, length = self.flight, self.lanes - 1
         for near, wide, better, sign in (("most", "widest", maximum, 1.0), ("least", "widest_least", minimum, -1.0)):
