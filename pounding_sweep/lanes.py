@@ -9,6 +9,7 @@ as they are. No fast-math flag is ever set: a lane's arithmetic is fixed by the 
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -28,10 +29,8 @@ _ROOT_HALF = int(np.float32(0.5**0.5).view(np.int32))
 @cache
 def has_wide_registers() -> bool:
     """Whether code is compiled for a processor with registers of 64 bytes, and some for masks (AVX-512)."""
-    from numba.core import config
-
-    features = config.CPU_FEATURES  # type: ignore[attr-defined]
-    return "+avx512f" in (features if features is not None else get_host_cpu_features().flatten()).split(",")
+    features = os.environ.get("NUMBA_CPU_FEATURES")  # by which numba compiles: it takes long to load, to ask it
+    return "+avx512f" in (get_host_cpu_features().flatten() if features is None else features).split(",")
 
 
 @cache

@@ -19,6 +19,7 @@ import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache, lru_cache, partial
+from importlib.metadata import version
 from pathlib import Path
 from threading import RLock
 from typing import Any
@@ -104,8 +105,6 @@ def cache_folder() -> Path:
 @lru_cache(maxsize=1)
 def _surroundings() -> str:
     """Digest of the sources that trace kernels, and what compiles them for which processor."""
-    import llvmlite
-    import numba
     from llvmlite import binding
 
     package, digest = Path(__file__).parent.parent, hashlib.sha256()
@@ -114,7 +113,7 @@ def _surroundings() -> str:
         for file in sorted(path.glob("*.py")) if path.is_dir() else [path]:
             digest.update(f"{file.name} {hashlib.sha256(file.read_bytes()).hexdigest()}\n".encode())
     processor = f"{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
-    return f"{digest.hexdigest()} {numba.__version__} {llvmlite.__version__} {processor}"
+    return f"{digest.hexdigest()} {version('numba')} {version('llvmlite')} {processor}"
 
 
 def module_text(piece: KernelSpec) -> str:

@@ -264,7 +264,7 @@ def noter(group: Group, put: Callable[[Any, int, Any], None], first: Any) -> Cal
 
 
 def _optimise_once(library: Any) -> None:
-    """Have a kernel's code go through one optimisation of LLVM's first level: others take longer, for no faster code."""
+    """Have a kernel go through one optimisation of LLVM's first level: others take longer, and it is no faster."""
     from llvmlite import binding
 
     def functions(module: Any) -> None:
