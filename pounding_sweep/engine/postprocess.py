@@ -134,6 +134,8 @@ def _status(
     status = np.full(len(flags), Status.OK, np.int8)
     if not kernel.shape.stepless:
         blurred = (phase_error(row, record, numerics) > MAX_PHASE_ERROR) | loses_ground(record, numerics)
+        if kernel.shape.flies_exactly:  # what never touches has no error of a step
+            blurred = blurred & np.isfinite(steps).any(axis=1)
         status[np.broadcast_to(blurred, status.shape)] = Status.UNDER_RESOLVED_MOTION
         fastest = np.fmin.reduce(steps / raw.get("quickening", 1.0), axis=1)
         needed = numerics.scheme.min_steps_located if numerics.locate else numerics.scheme.min_steps_sampled

@@ -45,6 +45,8 @@ FINEST_FLIGHT = 4.0
 SEPTIC = 10321920.0
 #: Power of the refinement by which sub-steps by series fall: so much that two runs differ by their rounding.
 SERIES_FALL = 0.5
+#: Gap (m) of floors that never touch.
+FAR_GAP = 1e6
 #: Most periods of the slowest mode that rest after a record lasts, and what its amplitude has decayed to where no bound
 #: tells that nothing changes any more: floors without a gap go on touching.
 REST_PERIODS, SMALL_MOTION = 200.0, 1e-3
@@ -223,7 +225,8 @@ class RowKernel:
     history: bool = False  # keep the state of the first scenario after every step
     #: velocity (m/s) of every floor, building by building; at rest where not given
     initial_velocity: tuple[float, ...] | None = None
-    host: Law | None = None  # damped law in whose kernel this undamped one runs, with c = 0
+    #: damped law in whose kernel this undamped one runs, with c = 0; or any in whose no pounding does, at `FAR_GAP`
+    host: Law | None = None
     #: whether damping follows from the restitution by the law's published formula, or so that two free masses rebound
     #: at exactly it; one of {"published", "realised"}
     basis: str = "published"
@@ -256,7 +259,7 @@ class RowKernel:
         clearance = np.min(self._clearances(gaps), axis=1, initial=math.inf)
         if rest == math.inf:
             longest, small = longest_rest(row)
-            bounded = ((clearance > 0.0) | (self.shape.law is None)) & self.shape.rest_is_bounded
+            bounded = ((clearance > 0.0) | (not self._touches)) & self.shape.rest_is_bounded
             rest = np.where(bounded, longest, small)
         return np.asarray(np.ceil(np.broadcast_to(rest, clearance.shape) / record.dt - 1e-9), int)
 
@@ -337,7 +340,7 @@ class RowKernel:
         # what status and first touch ask of the scenario beside its results
         raw["scale"] = brought[0][:, None]
         raw["gap"] = self.scene.clearances(brought[1], self.law.thickness)
-        if shape.law is not None:  # factors by which damping shortens contacts, of each law of the kernel
+        if self._touches:  # by how much damping shortens contacts, of each law of it
             raw["quickening"] = quickening = np.ones((n, len(shape.laws)))
             quickening[:, 0] = self.law.quickening(brought[3].reshape(n, -1), self.basis).max(axis=1)
             for which, bumper in zip(shape.bumped, self.scene.bumper_of, strict=False):
@@ -349,6 +352,11 @@ class RowKernel:
         """Return the gaps (m) that are left beside bumpers, of pairs or, where there are any, of contacts."""
         thickness = self.law.thickness
         return self.scene.clearances(gaps, thickness) if self.shape.bumped else gaps - thickness
+
+    @property
+    def _touches(self) -> bool:
+        """Whether floors can touch."""
+        return self.shape.law is not None and self.law.has_contact
 
     @property
     def _shares_tables(self) -> bool:
@@ -382,14 +390,17 @@ class RowKernel:
     def _lanes(self, buildings: np.ndarray, row: Variants, rough: bool, inputs: Iterable[np.ndarray]) -> np.ndarray:
         """Return the inputs of scenarios as they lie in the lanes, shape (groups, slots times lanes)."""
         scale, gaps, stiffness, restitution, rests = inputs
+        stiffness = stiffness if self._touches else np.ones_like(stiffness)
         shape, slots, n = self.shape, input_slots(self.shape), len(scale)
         values: dict[str, Any] = {"scale": scale, "rests": rests}
         if shape.contacts:
-            values["gap"] = self._clearances(gaps).T
+            values["gap"] = self._clearances(gaps).T if self._touches else FAR_GAP
         if shape.law is not None:
             k = row.contact_stiffnesses(stiffness).T if shape.stiffness_per_contact else stiffness[None, :]
             e = restitution if restitution.ndim == 1 else self.scene.of_contacts(restitution).T
-            c = self.law.damping_coefficient(e, k, row.contact_masses.T, self.basis)
+            c = np.zeros((len(shape.contacts), n))
+            if self._touches:
+                c = self.law.damping_coefficient(e, k, row.contact_masses.T, self.basis)
             for j, bumper in enumerate(self.scene.bumper_of if shape.bumped else ()):
                 if bumper:
                     k[j], c[j] = bumper.stiffness, bumper.damping_coefficient(row.contact_masses[:, j], self.basis)

@@ -70,6 +70,9 @@ PLAN_BYTES = 760
 LEAST_SHARING, LEAST_SHARING_ENERGIES = 32, 6
 #: Scenarios that must share a run without pounding for it to be run: it costs about what one of them does.
 LEAST_SHARED = 4
+#: Scenarios up to which a sweep of exact flight, of elastic rows and of others, has no runs without pounding: their
+#: kernel takes longer to compile than all scenarios that never touch to run.
+FEW_SCENARIOS, FEW_YIELDING = 2000, 250
 #: Scenarios of a sample, at least in number and in share, and multiples of them from which on one is taken.
 LEAST_SAMPLE, SAMPLE_SHARE, LEAST_SAMPLED = 96, 0.03, 10
 #: Margin by which a gap must exceed the closing displacement to be left out.
@@ -164,21 +167,31 @@ class Plan:
         numerics, acting = self.numerics, self.laws[law]
         if record is not None and steps is not None:
             numerics = replace(numerics, dt=self.spec.records[record].dt / steps)
-        # the law of this sweep whose kernel an undamped law can run in
+        # the law of this sweep whose kernel an undamped law, or none, can run in
         damped = (item for item in self.laws if item.damper and item.elastic == acting.elastic)
         plain = (item for item in damped if not (item.approach_only or item.rebound_only or item.tension))
+        host = next(plain, None) if acting.has_contact and not acting.damper else None
+        if self.shares_kernel and acting is self.laws[-1] and not closing:
+            host = self.kernel(0).host or self.laws[0]
         return RowKernel(
             self.spec.scene,
             acting,
             numerics,
             reducers_for(self.spec.outputs) | ({"closing"} if closing else frozenset()),
-            host=next(plain, None) if acting.has_contact and not acting.damper else None,
+            host=host,
             basis=self.spec.restitution_basis,
             varied=len(self.variants) > 1,
             windows=self._shares_flight,
             by_pair=self.unique.stiffness.ndim > 1,
             accuracy=self.spec.accuracy,
         )
+
+    @cached_property
+    def shares_kernel(self) -> bool:
+        """Whether scenarios without pounding run in the kernel of a law, at gaps that nothing reaches."""
+        scene, exact = self.spec.scene, self.numerics.scheme.flies_exactly and not self.once
+        few = len(self.unique) <= (FEW_YIELDING if any(scene.yields) else FEW_SCENARIOS)
+        return exact and few and bool(scene.contacts) and len(self.laws) > 1
 
     @cached_property
     def _shares_flight(self) -> bool:
@@ -191,7 +204,7 @@ class Plan:
     def shapes(self) -> list[KernelSpec]:
         """Return the kernels that every run needs, none twice; refinement may compile others in double precision."""
         last, laws = len(self.laws) - 1, self.unique.law[~self.refused]
-        kernels = [self.kernel(law) for law in np.unique(laws[laws != last]).tolist()]
+        kernels = [self.kernel(law) for law in np.unique(laws[(laws != last) | self.shares_kernel]).tolist()]
         if len(laws) and len(self.uncoupled_to_run):
             kernels.append(self.kernel(last, closing=True))
         return list(dict.fromkeys(kernel.shape for kernel in kernels))
@@ -199,6 +212,8 @@ class Plan:
     @cached_property
     def uncoupled_to_run(self) -> np.ndarray:
         """Rows of `uncoupled_runs` that are asked for, or tell of `LEAST_SHARED` or more scenarios if they touch."""
+        if self.shares_kernel:
+            return np.zeros(0, int)
         weights = np.where(self.refused, 0, np.where(self.no_contact, LEAST_SHARED, 1))
         return np.flatnonzero(np.bincount(self.uncoupled_of, weights, len(self.uncoupled_runs)) >= LEAST_SHARED)
 
@@ -303,8 +318,9 @@ class Plan:
         rows = [
             ("axes", axes or (str(self.spec.design) if self.spec.design else f"{plan['asked']} listed cases")),
             ("scenarios", f"{plan['asked']} asked, at most {plan['at_most']} to run"),
-            ("", "(scenarios that never touch are skipped after the no-contact run)"),
         ]
+        if len(self.uncoupled_to_run):
+            rows.append(("", "(scenarios that never touch are skipped after the no-contact run)"))
         if self.refused.any():
             stable = f"every scenario is stable at dt <= {float(self.limit[self.refused].min()):.3g} s"
             remedy = f"{Status.BEYOND_STABILITY_LIMIT.remedy}; {stable}"

@@ -170,7 +170,7 @@ def execute(
             ok = np.isin(table["status"], VALID)
             closing[rows[ok]] = table["closing_max"][ok]
         # scenarios that never touch are answered by their run without pounding
-        outcome.left_out = untouched(plan, closing) & ~plan.refused
+        outcome.left_out = untouched(plan, closing) & ~plan.refused & (not plan.shares_kernel)
         outcome.untouched = int((outcome.left_out & ~plan.no_contact).sum())
         if len(rows := np.flatnonzero(outcome.left_out)):
             run = plan.uncoupled_of[rows]
