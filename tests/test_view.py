@@ -90,7 +90,6 @@ def test_what_no_page_is_made_of(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=words):
         ps.view(cube, tmp_path / "a.html")
     ps.view(cube, tmp_path / "a.html", names=["impact_count"], at={"law": "linear", "gap": ["0.002", "0.004"]})
-    module._packed_plotly.cache_clear()
     monkeypatch.setattr(module, "files", lambda name: (_ for _ in ()).throw(ImportError))
     with pytest.raises(InputError, match=r"pip install 'pounding-sweep\[view\]'"):
         ps.view(cube, tmp_path / "a.html")

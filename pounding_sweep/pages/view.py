@@ -7,7 +7,6 @@ import json
 import shlex
 import zlib
 from collections.abc import Mapping, Sequence
-from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -85,25 +84,16 @@ def view(
     ...     ps.view(cube, f"{folder}/gaps.html").name
     'gaps.html'
     """
-    packed = {"plotly": _packed_plotly()}
+    try:
+        packed = {"plotly": _pack(files("plotly").joinpath("package_data", "plotly.min.js").read_bytes())}
+    except ImportError:
+        raise InputError("a page needs plotly, which is not installed: pip install 'pounding-sweep[view]'") from None
     file = Path(cube.encoding.get("source", "CUBE.nc"))
     path = expanded(file.with_suffix(".html").name if out is None else out)
     check_output(path, overwrite=True, netcdf=False)
     content = _content(select(with_texts(cube), at or {}, [*map(str, cube.dims)]), names, file.name, packed)
     text = json.dumps(content, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
     return write_page("pages/view.html.j2", path, **content, json=text, packed=packed)
-
-
-@cache
-def _packed_plotly() -> str:
-    """Return the script of plotly, packed."""
-    try:
-        return _pack(files("plotly").joinpath("package_data", "plotly.min.js").read_bytes())
-    except ImportError:
-        raise InputError(
-            "a page needs the package plotly, which is not installed; install it with: "
-            "pip install 'pounding-sweep[view]'"
-        ) from None
 
 
 def _pack(content: bytes) -> str:
@@ -127,7 +117,14 @@ def _content(cube: xr.Dataset, names: Sequence[str] | None, file: str, packed: d
     ]
     count = sum(cube[name].size for name in (*outputs, *inputs))
     if count > MOST_NUMBERS:
-        raise InputError(_too_large(cube, outputs, count))
+        have, most = (
+            f"{n / 1e6:.3g} million numbers (about {n * _NUMBER_BYTES / 1e6 + 2:.0f} MB)" for n in (count, MOST_NUMBERS)
+        )
+        sizes = ", ".join(f"{name} {cube[name].size / 1e6:.2g}" for name in outputs if name not in _ALWAYS)
+        raise InputError(
+            f"a page of this cube would hold {have}; it may hold {most}. Choose variables with --var (millions of "
+            f"numbers: {sizes}), or values of axes with --at ({counts_text(cube['status'].sizes)})"
+        )
     described, fields = about(cube), dict[str, Any]()
     for name in (*outputs, *inputs):
         part = cube[name].transpose(*dims, ..., missing_dims="ignore")
@@ -171,19 +168,6 @@ def _pack_numbers(values: np.ndarray, *, rounded: bool) -> str:
     if rounded:
         bits = (bits + np.uint32(1 << (_ROUNDED_BITS - 1))) & ~np.uint32((1 << _ROUNDED_BITS) - 1)
     return _pack(bits.view("u1").reshape(-1, 4).T.tobytes())
-
-
-def _too_large(cube: xr.Dataset, outputs: Sequence[str], count: int) -> str:
-    """Say how large a page would be, and what may be left out."""
-
-    def size(numbers: int) -> str:
-        return f"{numbers / 1e6:.3g} million numbers (about {numbers * _NUMBER_BYTES / 1e6 + 2:.0f} MB)"
-
-    sizes = ", ".join(f"{name} {cube[name].size / 1e6:.2g}" for name in outputs if name not in _ALWAYS)
-    return (
-        f"a page of this cube would hold {size(count)}; it may hold {size(MOST_NUMBERS)}. Choose variables with --var "
-        f"(millions of numbers: {sizes}), or values of axes with --at ({counts_text(cube['status'].sizes)})"
-    )
 
 
 def _choices(cube: xr.Dataset, dims: Sequence[str], drawn: Sequence[str], inputs: Sequence[str]) -> dict[str, Any]:
