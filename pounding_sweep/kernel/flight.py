@@ -331,6 +331,8 @@ class Flight:
         self.at, self.hits, self.active, self.steps = Cell(points), Cell(False), Cell(True), Cell(points)
         #: Whether rates, and what leaves hulls of cubics, are known in a window.
         self.rated, self.weighed = Cell(False), Cell(False)
+        #: Whether a peak may have grown.
+        self.peaked = Cell(False)
         #: Blocks of the grid, where motions are known by them.
         self.blocks: Any = None
         self.mode_parts, self.watched_parts = (
@@ -619,7 +621,7 @@ class Flight:
         """Fly from point `at` on to where floors may touch in the step to come (`hits`), or to the last point."""
         # with a `note` of each point's motion, windows are one step long
         self._take_thresholds(lane)
-        self.hits.now, self.quiet.now, self.active.now = False, False, True
+        self.hits.now, self.quiet.now, self.active.now, self.peaked.now = False, False, True, False
         # in the rest after the ground's motion the amplitudes of the modes, which decay, bound all that follows
         rests = self.at.now > self.points - 2
         settles = self.group.prop("settles") > 0.0 if self.group.spec.rest_is_bounded else constant(False)
@@ -684,7 +686,8 @@ class Flight:
                     self.to_floors(lane, t + steps)
                     note(t + steps)
                     self.to_modes(lane, t + steps)
-        self._keep_peaks(lane)
+        for _ in once_if(self.peaked.now):
+            self._keep_peaks(lane)
 
     @cached_property
     def _lookups(self) -> list[Lookup]:
@@ -799,7 +802,7 @@ class Flight:
 
     def _take_peaks(self, part: int, most: Lanes, least: Lanes) -> None:
         """Take what is reached at least of a part of what is watched, touches left out."""
-        w, sized = self.rows, self.part("sized", part) > 0.5
+        w, sized, self.peaked.now = self.rows, self.part("sized", part) > 0.5, True
         moves, largest = ~(self._numbers_of(part) < float(self.layout.touches)), maximum(most, -least)
         high, low = w["high", part], w["low", part]
         w["high", part] = where(moves, maximum(high, where(sized, largest, most)), high)
@@ -1026,6 +1029,7 @@ class Flight:
             x = x + w.number("shift", q)
         high, low = w.number("high", q), w.number("low", q)
         for _ in once_if(any_lane(((x + bulge > high) | (x - bulge < low)) & points)):
+            self.peaked.now = True
             s0 = self._sum(q, names[1])
             x1, s1 = shifted(x), shifted(s0)
             (c0, c1), (j0, j1) = (self._rates(q, names[k], names[k + 2]) for k in (2, 3))
