@@ -42,6 +42,13 @@ TOWER = ps.Scene(
 #: The same without links and dashpots, and all elastic.
 ALONE = replace(TOWER, row=[replace(b, dashpots=None) for b in TOWER.row], links=())
 HIGH = replace(TOWER, row=[replace(b, yield_strengths=None, hardening=0.0) for b in TOWER.row])
+#: Five buildings of which those in the middle touch, and all in a stronger motion.
+SIZES = {"a": (4, 3e5), "b": (3, 1.6e5), "c": (4, 5e5), "d": (3, 1.1e5), "e": (4, 2.5e5)}
+FIVE = ps.Scene(
+    [ps.Building(name, [110.0] * n, [k] * n) for name, (n, k) in SIZES.items()],
+    gaps=[0.05, 0.004, 0.05, 0.05],
+    contact=pair().contact,
+)
 #: Rows of which only the dashpot, or only the link, couples modes.
 DASHED, TIED = replace(LINKED, links=()), replace(LINKED, row=[replace(LINKED.row[0], dashpots=None), LINKED.row[1]])
 #: Storeys that yield in a row with dashpots and a link, at a wall; with dampers that soften, or without.
@@ -149,6 +156,10 @@ class Kind:
     loose: tuple[str, ...] = ()
 
 
+def all_touch(got):
+    return (got.impact_count > 0).any("storey").all()
+
+
 def yields(got):
     return got.ductility_max.max() > 1.5
 
@@ -191,6 +202,7 @@ KINDS = {
         TOWER, {}, {"rk4": (5e-4, 2e-6), "newmark": (2e-4, 5e-3), **_EXACT}, WITHOUT_AND_WITH, points=51, scale=3.0
     ),
     "elastic towers": Kind(HIGH, {}, _EXACT, WITHOUT_AND_WITH, points=51, scale=3.0),
+    "five": Kind(FIVE, {}, _EXACT, ("linear", "kelvin_voigt"), scale=6.0, acts=all_touch),
     "linked and yielding": Kind(YIELDING_LINKED, {}, _EXACT, WITHOUT_AND_WITH, points=51, scale=3.0, acts=yields),
     "linked and softening": Kind(SOFTENING, {}, _SMALL, ("kelvin_voigt",), acts=yields),
     "isolated": Kind(

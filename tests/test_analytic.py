@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kernels_used import LAW_OF, SIMULATED
+from kinds import FIVE
 from reference import ShearBuilding, modal_exact
 from scipy.integrate import cumulative_simpson
 from scipy.special import gamma
@@ -59,6 +60,18 @@ FREE = ps.Scene(
 )
 SPEEDS = [[0.1, 0.4], [-0.05, 0.1]]
 CLOSING = np.array([0.15, 0.3])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["linear", "kelvin_voigt"])
+def test_two_that_touch_in_a_long_row_move_as_they_do_alone(law):
+    contact = {"law": law, "stiffness": 8e5, "restitution": 0.6 if law != "linear" else None}
+    five = ps.simulate(FIVE, shaking(), **contact)
+    alone = ps.simulate(replace(FIVE, row=FIVE.row[1:3], gaps=FIVE.gaps[1:2]), shaking(), **contact)
+    mine = five.sel(building=alone.building, pair=alone.pair)
+    assert int(five.impact_count.sum()) == int(alone.impact_count.sum()) > 20
+    for name in ("displacement", "acceleration_max", "impact_force_max", "energy_kinetic"):
+        near(mine[name].fillna(0.0), alone[name].fillna(0.0), 1e-9)
 
 
 @pytest.mark.slow

@@ -263,6 +263,11 @@ class Group:
         """Whether the row has too many floors for one straight line of code: it goes through them at run time."""
         return self.trace is not None and not self.spec.fused
 
+    @property
+    def skips(self) -> bool:
+        """Whether steps by series leave out contacts that are open throughout, in all lanes."""
+        return self.looped and not self.spec.yielding
+
     def _in_runs(self, items: Sequence[tuple[int, ...]], key: Callable[[int], Any]) -> Iterator[tuple[Any, Index, Any]]:
         """Go through rows of whole numbers: what those in a run have in common, number, row; of several at run time."""
         for kind, run in groupby(range(len(items)), key):

@@ -9,8 +9,10 @@ Rows with storeys of Bouc and Wen go by series all along.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from functools import partial, reduce
 from itertools import chain, count
+from operator import add
 from typing import Any
 
 import numpy as np
@@ -62,6 +64,8 @@ HALVINGS = 6
 HALVED = 0.5**HALVINGS
 #: Kinds of changes of a contact or by a gauge of a spring, at most.
 KINDS = 3
+#: Terms by which an open contact may touch in a step, the last counted twice for all that follow.
+SEEN = 7
 #: Where a step ends if floors that part bend back, over when a parabola is at its start again; its least part, if cut.
 PAST, SOONEST = -1.5, 1e-3
 
@@ -101,8 +105,10 @@ def substep(group: Group, h: Lanes) -> None:
                 _expand_row(group, contacts)
     else:
         _expand_row(group, group.touching)
-    for contact in group.iter_contacts() if not spec.yielding else ():
+    for contact in group.iter_contacts() if not (spec.yielding or group.looped) else ():
         _coefficients(contact, "taylor_pen")[spec.series] = contact.between(_Term(group, spec.series))
+    if group.skips:
+        _mark_contacts(group)
     _find_event(group)
     s["h"] = s["span"] * s["fraction"]
     if not spec.yielding:
@@ -115,6 +121,23 @@ def substep(group: Group, h: Lanes) -> None:
     if "acceleration" in group.requested:
         _take_accelerations(group)
     march.close(group, forces, h)
+
+
+def _mark_contacts(group: Group) -> None:
+    """Mark the contacts that are closed or may touch in the step, and find what is missing of their penetrations."""
+    s, order = group.state, group.spec.series
+    for contact in group.iter_contacts():
+        depths, closed, d = _coefficients(contact, "taylor_pen"), contact.mode > OPEN, contact.penetration("u0")
+        bends = [size(_stretched(contact, k)) for k in range(2, SEEN)]
+        farthest = reduce(add, bends, d + maximum(_stretched(contact, 1), 0.0)) + bends[-1]
+        active = (s["time_left"] > 0.0) & (closed | (farthest > 0.0))
+        contact.may_change = where(active, 1.0, 0.0)
+        with when_any(active):
+            depths[order] = _stretched(contact, order)
+            for _ in once_if(not_(any_lane(closed))):
+                depths[0] = d
+                for k in count_to(order - 1):
+                    depths[k + 1] = _stretched(contact, k + 1)
 
 
 def _expand_row(group: Group, contacts: bool) -> None:
@@ -131,7 +154,8 @@ def _expand_term(group: Group, contacts: bool, k: Index, ground: Instant, invers
     """Find coefficient k + 1 of all floors from coefficient k of displacements, and of velocities in ``y``."""
     x, push = _Term(group, k), Pushes(group)
     for contact in group.iter_contacts(straight=True) if contacts else ():
-        push.add(contact, _press(contact, k, x))
+        with when_any(contact.mode > OPEN) if group.looped else nullcontext():
+            push.add(contact, _press(contact, k, x))
     push.add_links(x, x.rates)
     hysteresis.begin_term(group, k, x)
     s, n, per = group.state, group.spec.n_moving, group.state["h"] * inverse[k]
@@ -296,7 +320,7 @@ def _converge(group: Group) -> None:
     # These may touch again and be gone by the end of a longer step, which its ends do not tell.
     s, order, share, back = group.state, group.spec.series, group.cell(1.0), group.cell(1.0)
     left_out = LEFT_OUT_YIELDING if group.spec.yielding else LEFT_OUT
-    for contact in group.iter_contacts(straight=True):
+    for contact in _active(group, straight=True):
         depth = _depth(contact)
         large = maximum(maximum(size(depth.read(0)), size(depth.read(1))), size(depth.read(2)))
         most, last = left_out[group.spec.precision] * large, size(depth.read(order))
@@ -347,20 +371,20 @@ class _Choice:
 
     def propose(
         self, number: Index, lanes: Truths, sign: Lanes, series: Series, target: Lanes, leans: Truths = None
-    ) -> None:
-        """Consider that sign times a series turns positive, by the end or before; where it `leans`, if it rises yet."""
+    ) -> Truths:
+        """Consider that sign times a series turns positive, by the end or before; where it `leans`, if it rises yet.
+
+        Returns the lanes in which it stays negative, however much of the step is looked at.
+        """
         group, s, end = self.group, self.group.state, self.group.state["fraction"]
         e0, r0, e1, r1 = (sign * x for x in (series.read(0), series.read(1), *series.with_slope(end)))
         crosses = e1 > 0.0
         if leans is not None:
             crosses = crosses & (~leans | (r1 >= 0.0))
-        turns = lanes & ~crosses & (r0 > 0.0) & (r1 < 0.0)
-        reach = group.cell(-1.0)
-        with when_any(turns):
-            # as far as it is a cubic, no farther than its tangents at thirds
-            _, early, late, _ = (sign * x for x in tangents(series, end))
-            reach.now = maximum(early, late) + series.bulge(end)
-        hops = turns & (reach.now > 0.0)
+        # as far as it is a cubic, no farther than its tangents at thirds
+        third, bulge = (1.0 / 3.0) * end, series.bulge(end)
+        reach = maximum(fma(third, r0, e0), fma(-third, r1, e1)) + bulge
+        hops = lanes & ~crosses & (r0 > 0.0) & (r1 < 0.0) & (reach > 0.0)
         # one that turns twice may have been positive before: half the step tells
         above = (r0 > 0.0) & ~(r1 < 0.0) & (crosses | (fma(end, r0, e0) > 0.0))
         below = (r0 < 0.0) & ~(r1 > 0.0) & ~crosses & (fma(-end, r1, e1) > 0.0)
@@ -384,12 +408,13 @@ class _Choice:
             for row, x in (("event_number", number), ("event_target", target), *by_row):
                 s[row] = where(better, x, s[row])
             s["bends"] = where(better, where(hops, -1.0, where(rises, 1.0, 0.0)), s["bends"])
+        return maximum(reach, e1 + bulge) < 0.0
 
 
 def _choose(group: Group, asks: Truths) -> _Choice:
     """Find what may change first before ``fraction``, in lanes that ask."""
     s, choice, per = group.state, _Choice(group), _per(group)
-    for contact in group.iter_contacts():
+    for contact in _active(group, straight=False):
         if not group.spec.yielding:
             _propose_contact(contact, choice, asks, per)
             continue
@@ -409,6 +434,13 @@ def _choose(group: Group, asks: Truths) -> _Choice:
     return choice
 
 
+def _active(group: Group, straight: bool) -> Iterator[Contact]:
+    """Go through the contacts that may change in the step; of a short row through all."""
+    for contact in group.iter_contacts(straight):
+        with when_any(contact.may_change > 0.0) if group.skips else nullcontext():
+            yield contact
+
+
 def _propose_contact(contact: Contact, choice: _Choice, asks: Truths, per: Lanes) -> None:
     """Consider the changes of a contact's mode, in lanes that ask."""
     group, law, depth, mode = contact.group, contact.law, _depth(contact), contact.mode
@@ -419,7 +451,9 @@ def _propose_contact(contact: Contact, choice: _Choice, asks: Truths, per: Lanes
         number = group.change(contact.index, kind)
         is_next = (contact.next == target) & ~(contact.event > s["fraction"])
         lanes = lanes & ~is_next & ~(s["ruled_out", number] > 0.0)
-        choice.propose(real(number), lanes, sign, series, target, leans)
+        with when_any(lanes):
+            stays = choice.propose(real(number), lanes, sign, series, target, leans)
+            s["ruled_out", number] = where(lanes & stays, 1.0, s["ruled_out", number])
 
     sign = where(closed, -1.0, 1.0)
     # one that has touched but for a rounding error goes on, and one that has parted so does not touch
