@@ -7,9 +7,13 @@ from itertools import pairwise
 import imk
 import numpy as np
 import pytest
+from against_reference import motion
 from opensees_material import check_against_opensees, opensees_shears, random_drifts
+from scipy.integrate import solve_ivp
 
 import pounding_sweep as ps
+from pounding_sweep.base.errors import SceneError
+from pounding_sweep.variables.registry import Status
 
 PARAMETERS = {"cap_drift": 0.012, "residual": 0.3}
 K, DY = 1000.0, 0.01
@@ -91,3 +95,78 @@ def test_storeys_are_those_of_opensees_with_deterioration(law, modes, histories)
         plain, _ = drawn(law, np.random.default_rng(seed))
         acts += not np.allclose(got, ps.cyclic_test(plain, turns).shear, atol=1e-3)
     assert acts >= 0.5 * histories
+
+
+def fall(building, record, **parameters):
+    """Time at which a building of one storey falls, by scipy from branch to branch of `imk`; infinite if it stands."""
+    (k,), (m,), (strength,) = building.stiffnesses, building.masses, building.yield_strengths
+    spring, c = imk.Spring(k, strength / k, building.hardening, **parameters), building.rayleigh[0] * m
+    y = np.zeros(2)
+    for n, (start, end) in enumerate(pairwise(record.time)):
+        before, after = record.acceleration[n : n + 2]
+        t = start
+        while t < end:
+            ends = [(lambda d, w, s=s, x=x: s * (d - x), go) for s, (x, go) in spring.ends.items() if abs(x) < 1e3]
+            ends += [(lambda d, w, way=spring.way: -way * w, spring.turn)] if spring.way else []
+            events = [lambda t, y, value=value: value(*y) for value, _ in ends]
+            for event in events:
+                event.terminal, event.direction = True, 1.0
+
+            def rates(t, y, at=start, ground=(before, (after - before) / record.dt)):
+                return [y[1], -(spring.force(y[0]) + c * y[1]) / m - ground[0] - ground[1] * (t - at)]
+
+            step = solve_ivp(rates, (t, end), y, method="DOP853", rtol=1e-11, atol=1e-13, events=events)
+            t, y = step.t[-1], step.y[:, -1]
+            for (_, go), times in zip(ends, step.t_events, strict=True):
+                if len(times):
+                    spring.move(y[0])
+                    go()
+                    break
+            if spring.failed:
+                return t
+    return np.inf
+
+
+@pytest.mark.parametrize(
+    ("law", "more", "method"),
+    [
+        ("peak_oriented", {"ultimate": 0.09}, "exact"),
+        pytest.param("bilinear", {"residual": 0.0}, "exact", marks=pytest.mark.slow),
+        pytest.param("bilinear", {"lambdas": {"strength": 0.3, "unloading": 2.0}}, "exact", marks=pytest.mark.slow),
+        pytest.param("pinching", {"ultimate": 0.09}, "rk4", marks=pytest.mark.slow),
+        pytest.param("peak_oriented", {"ultimate": 0.09}, "newmark", marks=pytest.mark.slow),
+    ],
+)
+@pytest.mark.usefixtures("twin")
+def test_a_storey_without_strength_has_fallen(law, more, method):
+    """At its ultimate drift, at no residual, or with all energy of a mode taken; one that falls does not diverge."""
+    own = {"cap": 0.03, "residual": 0.2, **more}
+    names = {"cap": "cap_drift", "ultimate": "ultimate_drift", "lambdas": "deterioration"}
+    backbone = {names.get(name, name): x for name, x in own.items()}
+    own |= {"pinch": (0.3, 0.3)} if law == "pinching" else {"bilinear": law == "bilinear"}
+    building = ps.Building(
+        "a", [100.0], [8e3], yield_strengths=[120.0], hardening=0.03, hysteresis={"law": law, **backbone}
+    )
+    record = motion(91 if "ultimate" in more else 201, 2.0)
+    want = fall(building, record, **own)
+    dt = 2e-2 if method == "exact" else 2e-3
+    one = ps.simulate(ps.Scene([building]), record, law="none", method=method, dt=dt, rest=0.0)
+    assert int(one.status) == Status.COLLAPSED
+    assert one.collapse_time.item() == pytest.approx(want, abs={"exact": 1e-8, "rk4": 1e-6, "newmark": 1e-3}[method])
+    assert one.strength_left.item() == 0.0
+    assert float(one.energy_residual) < {"exact": 1e-12, "rk4": 1e-6, "newmark": 1e-3}[method]
+
+
+@pytest.mark.parametrize(
+    ("law", "backbone", "message"),
+    [
+        ("peak_oriented", {"cap_drift": -1.0}, r"hysteresis.cap_drift: is -1; it must be above 0 m"),
+        ("pinching", {"post_cap": {"positive": 0.1, "negative": -0.1}}, r"post_cap: is 0.1; it must be below 0"),
+        ("bilinear", {"residual": [0.1, 1.0]}, r"residual: is 1; it must be at least 0 and below 1"),
+        ("bilinear", {"deterioration": {"reloading": 1.0}}, "bilinear storeys do not reload to a drift"),
+        ("peak_oriented", {"cap_drift": {"positive": [0.1, 0.2], "negative": 0.1}}, "2 values for 1 masses"),
+    ],
+)
+def test_backbones_that_no_storey_has_are_refused(law, backbone, message):
+    with pytest.raises(SceneError, match=message):
+        storey(law, 0.0, **backbone)
