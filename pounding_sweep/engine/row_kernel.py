@@ -260,6 +260,8 @@ class RowKernel:
         if rest == math.inf:
             longest, small = longest_rest(row)
             bounded = ((clearance > 0.0) | (not self._touches)) & self.shape.rest_is_bounded
+            # storeys that degrade change their branches in the smallest motion
+            bounded = bounded & (not any(spring.law.softens for spring in self.scene.springs))
             rest = np.where(bounded, longest, small)
         return np.asarray(np.ceil(np.broadcast_to(rest, clearance.shape) / record.dt - 1e-9), int)
 

@@ -261,8 +261,10 @@ def _rest_note(plan: Plan) -> str | None:
     if plan.spec.rest != "auto":
         return None
     notes = ["rows without damping end with the record"] * bool((longest_rest(plan.variants)[0] == 0.0).any())
-    if bool((plan.unique.gaps <= 0.0).any()):
-        notes.append(f"floors without a gap are followed until a free motion has decayed to {SMALL_MOTION:g} of itself")
+    degrade = ["rows with storeys that degrade"] * any(spring.law.softens for spring in plan.spec.scene.springs)
+    if those := degrade + ["floors without a gap"] * bool((plan.unique.gaps <= 0.0).any()):
+        decayed = f"until a free motion has decayed to {SMALL_MOTION:g} of itself"
+        notes.append(f"{' and '.join(those)} are followed {decayed}")
     return "; ".join(notes) or None
 
 

@@ -243,8 +243,16 @@ class BackboneLaw(StoreyLaw):
         return np.ones_like(numbers.stiffness)
 
     def strength_left(self, spring: Any) -> Any:
-        """Return its strength over that at first, the lesser of both directions."""
-        return minimum(spring.strength_neg, spring.strength_pos)
+        """Return what backbones still reach beyond their largest drifts, over their shears at the cap at first."""
+        left, one, d = spring.group.full(1.0), spring.group.full(1.0), spring.drift()
+        for sign in (1.0, -1.0):
+            p = self._side(spring, spring.group.full(sign > 0.0))
+            self._backbone(p)
+            reached = self._at(p, maximum(maximum(p.largest, sign * d), p.cap_drift))
+            p.strength, p.cap = one, one
+            self._backbone(p)
+            left = minimum(left, reached / self._at(p, p.cap_drift))
+        return where(spring.phase == FAILED, 0.0, left)
 
     def residual(self, spring: Any) -> Any:
         """Return the drift to which it unloads; missing with P-Delta, where it may run away."""
