@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.calibrate import OUTPUTS, closing
-from pounding_sweep.model.building import Building, Foundation
+from pounding_sweep.model.building import Building, Foundation, Infill
 from pounding_sweep.model.frames import cantilever_flexibility
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.scene import Bumper, Link, Scene, Wall
@@ -66,6 +66,34 @@ def _leans(building: Building, random: np.random.Generator) -> Building:
 def _smooth(building: Building, random: np.random.Generator) -> Building:
     law = {"law": "bouc_wen", "n": float(random.choice([1.0, 2.0, 5.0]))}
     return replace(building, **_strengths(building, random), hysteresis=law)
+
+
+def _degrades(law: str, building: Building, random: np.random.Generator) -> Building:
+    """Yield, and lose strength from two to six yield drifts on; half of them by cycles, half of them with infill."""
+    yields = replace(building, **_strengths(building, random))
+    drifts = np.divide(yields.yield_strengths or 0.0, yields.storey_stiffnesses)
+    backbone: dict[str, Any] = {
+        "law": law,
+        "cap_drift": (drifts * _log(random, 2.0, 6.0)).tolist(),
+        "post_cap": -_log(random, 0.02, 0.3),
+        "residual": float(random.choice([0.0, 0.1, 0.3])),
+        "ultimate_drift": (drifts * _log(random, 10.0, 60.0)).tolist(),
+    }
+    if random.random() < 0.5:
+        modes = ("strength", "post_cap", "unloading", "reloading")[: 3 if law == "bilinear" else 4]
+        backbone["deterioration"] = {mode: (drifts * _log(random, 20.0, 100.0)).tolist() for mode in modes}
+    if law == "pinching":
+        backbone |= {name: float(random.uniform(0.2, 0.7)) for name in ("pinch_force", "pinch_drift")}
+    infill = None
+    if random.random() < 0.5:
+        stiff, strong = _log(random, 0.3, 2.0), _log(random, 0.2, 1.0)
+        wall = {"law": "pinching", "cap_drift": (2.0 * strong / stiff * drifts).tolist(), "post_cap": -0.1}
+        infill = Infill(
+            (stiff * np.array(yields.storey_stiffnesses)).tolist(),
+            (strong * np.array(yields.yield_strengths)).tolist(),
+            hysteresis=wall | {"pinch_force": 0.3, "pinch_drift": 0.3},
+        )
+    return replace(yields, hysteresis=backbone, infill=infill)
 
 
 def _dashed(building: Building, random: np.random.Generator) -> Building:
@@ -135,6 +163,7 @@ KINDS = {
     "bumpers": Kind(scene=_bumped),
     "p_delta": Kind(_leans),
     "dashpots": Kind(_dashed),
+    **{f"degrading {law}": Kind(partial(_degrades, law)) for law in ("bilinear", "peak_oriented", "pinching")},
     "matrices": Kind(_dense),
     "varied": Kind(case=_varied),
 }

@@ -32,6 +32,7 @@ _RUN = (
     "howto_tables.md",
     "howto_view.md",
     "howto_frames.md",
+    "howto_collapse.md",
 )
 exclude_patterns = ["_build", *_RUN]
 html_theme = "furo"
