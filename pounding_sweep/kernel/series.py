@@ -35,7 +35,6 @@ from pounding_sweep.lanes import (
     minimum,
     not_,
     once_if,
-    power,
     real,
     roughly_power,
     rounded,
@@ -355,7 +354,8 @@ def _converge_floors(group: Group) -> None:
         least = group.cell(1.0)
         for most, last in terms():
             least.now = minimum(least.now, where(last > most, most / last, 1.0))
-        s["fraction"] = minimum(s["fraction"], power(least.now, 1.0 / order))
+        shorter = minimum(s["fraction"], roughly_power(least.now, 1.0 / order))
+        s["fraction"] = where(least.now < 1.0, shorter, s["fraction"])
 
 
 class _Choice:
