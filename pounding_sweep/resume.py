@@ -24,7 +24,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from filelock import Timeout
 
 from pounding_sweep.base import files
 from pounding_sweep.base.errors import OutputError, WriteError
@@ -91,6 +90,8 @@ def _holder(folder: Path) -> str:
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Make a folder and keep other runs out of it while the context is open; it is removed if it is empty then."""
+    from filelock import Timeout
+
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = files.acquire_lock(folder, PATIENCE)

@@ -46,7 +46,7 @@ assert "laws" in ps.analysis.COMPARISONS
 print({"numpy", "xarray", "matplotlib", "numba"} & set(sys.modules))
 import pounding_sweep.variables.registry, pounding_sweep.output.dataset, pounding_sweep.output.describe
 import pounding_sweep.output.netcdf, pounding_sweep.records, pounding_sweep.resume
-print({"numba", "dask", "matplotlib", "scipy", "xarray", "netCDF4"} & set(sys.modules))
+print({"numba", "dask", "matplotlib", "scipy", "xarray", "netCDF4", "filelock", "psutil"} & set(sys.modules))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["set()"] * 2

@@ -14,11 +14,12 @@ from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
-
-from filelock import BaseFileLock, FileLock, SoftFileLock
+from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.errors import InputError, repr_short
+
+if TYPE_CHECKING:
+    from filelock import BaseFileLock
 
 #: A path as users give it.
 FilePath = str | os.PathLike[str]
@@ -64,6 +65,8 @@ def near_file(path: Path) -> str:
 
 def acquire_lock(folder: Path, timeout: float = -1.0) -> BaseFileLock:
     """Lock a folder, waiting at most `timeout` seconds (-1: without limit); raises `filelock.Timeout`."""
+    from filelock import FileLock, SoftFileLock
+
     lock: BaseFileLock = FileLock(folder / LOCK, timeout=timeout)
     try:
         lock.acquire()

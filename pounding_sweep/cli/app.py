@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import gc
 import inspect
 import os
 import signal
@@ -321,6 +322,7 @@ def axis_values(texts: list[str] | None) -> dict[str, list[str]]:
 
 def main() -> None:
     """Run the command line of this process and leave with its exit code."""
+    gc.set_threshold(50_000, 20, 100)  # loading modules makes many objects, and nearly all of them stay
     open_streams()
     app(prog_name=NAME)
 

@@ -12,8 +12,6 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import psutil
-
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.base.text import bytes_text
 
@@ -128,6 +126,8 @@ class FreeMemory(NamedTuple):
 
 def free_memory(root: Path = Path("/")) -> FreeMemory:
     """Return the memory that this process can still have without swapping."""
+    import psutil
+
     used = psutil.Process().memory_info()
     limits = [FreeMemory(psutil.virtual_memory().available, "the machine")]
     for kind, size, name in (
