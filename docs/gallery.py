@@ -79,6 +79,17 @@ flag = {"law": "flag", "beta": 0.8}
 wall = ps.Building("wall", [100.0], [4e4], yield_strengths=[200.0], hardening=0.05, hysteresis=flag)
 plot(ps.cyclic_test(wall, fema_461(0.03)), "loops", "loops.png", dpi=100)
 """
+_PUSHOVER = """\
+import numpy as np
+import pounding_sweep as ps
+from pounding_sweep.figures import plot
+
+drift = np.linspace(0.0, 150.0, 151)
+shear = 300.0 * np.tanh(drift / 8.0) * (0.2 + 0.8 / (1.0 + (drift / 90.0) ** 6))
+curve = np.column_stack([drift, shear])
+np.savetxt("pushover.csv", curve, delimiter=",", header="drift (mm),shear (kN)", comments="")
+plot(ps.backbone_from_pushover("pushover.csv").curve, "pushover", "pushover.png", dpi=100)
+"""
 _SPECTRA = """\
 import pounding_sweep as ps
 from pounding_sweep.analysis import response_spectrum
@@ -106,6 +117,7 @@ _OTHERS = {
 _OWN = (
     Entry("response-spectra", (), "response_spectra.png", code=_SPECTRA),
     Entry("loops", (), "loops.png", code=_LOOPS),
+    Entry("pushover", (), "pushover.png", code=_PUSHOVER),
     Entry("ground-motion", ("records plot el_centro -o ground_motion.png",), "ground_motion.png"),
     Entry(
         "work-precision",

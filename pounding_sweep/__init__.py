@@ -15,6 +15,7 @@ _HOME = {
     name: f"pounding_sweep.{module}"
     for module, names in {
         "accuracy.tradeoff": "tradeoff",
+        "analysis.pushover": "backbone_from_pushover",
         "base.errors": "PoundingSweepError",
         "model.building": "Building Foundation Infill",
         "model.frames": "building_from_modes building_from_opensees typical_building",
@@ -40,6 +41,7 @@ __all__ = ["__version__", *_PACKAGES, *_HOME]  # noqa: PLE0604  all are
 if TYPE_CHECKING:
     from pounding_sweep import analysis, figures
     from pounding_sweep.accuracy.tradeoff import tradeoff
+    from pounding_sweep.analysis.pushover import backbone_from_pushover
     from pounding_sweep.base.errors import PoundingSweepError
     from pounding_sweep.model.building import Building, Foundation, Infill
     from pounding_sweep.model.frames import building_from_modes, building_from_opensees, typical_building

@@ -176,6 +176,13 @@ def cyclic_loops():
     return cyclic_test(building, fema_461(0.03))
 
 
+def pushover_curve():
+    """A curve beside its backbone."""
+    drift = np.linspace(0.0, 0.05, 51)
+    corners = {"corner_drift": ("corner", [0.0, 0.01, 0.05]), "corner_shear": ("corner", [0.0, 100.0, 120.0])}
+    return xr.Dataset({"drift": ("point", drift), "shear": ("point", 120.0 * np.tanh(drift / 0.01)), **corners})
+
+
 def many_laws(**sizes):
     """A cube of more laws, that answer as the first."""
     first = cube(**sizes)
@@ -214,6 +221,7 @@ MAKERS = {
     "histories": histories,
     "trade": trade,
     "map": stability_map,
+    "pushover": pushover_curve,
     "spectra": spectra,
     "test": cyclic_loops,
 }

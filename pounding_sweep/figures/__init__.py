@@ -29,6 +29,7 @@ SOURCES: dict[str, str] = {
     "trade": "the file of 'pounding-sweep tradeoff'",
     "map": "the file of 'pounding-sweep extremes --map MAP.nc'",
     "test": "what `pounding_sweep.cyclic_test` returns",
+    "pushover": "the curve of what `pounding_sweep.backbone_from_pushover` returns",
     "spectra": "the file of 'pounding-sweep records plot --data MOTIONS.nc'",
 }
 #: A law with contact, and the one without, as needs.

@@ -228,6 +228,16 @@ def loops(test: xr.Dataset, *, ax: Any = None) -> Figure:
     return finish(axes, "drift (mm)", "storey shear (kN)", subject, legend=0)
 
 
+@figure_of("pushover", "pushover", "drift, shear, corner_drift, corner_shear")
+def pushover(curve: xr.Dataset, *, ax: Any = None) -> Figure:
+    """Draw the pushover curve of a storey, and the backbone that is fitted to it."""
+    axes = subplots(1, 1, (4.6, 0.0, 3.6, 0.0), ax)
+    axes[0, 0].plot(1e3 * curve.drift, curve.shear, color=COLOURS[1], label="pushover")
+    axes[0, 0].plot(1e3 * curve.corner_drift, curve.corner_shear, "o--", color=COLOURS[2], label="backbone")
+    axes[0, 0].legend(loc="best", fontsize=8)
+    return finish(axes, "drift (mm)", "storey shear (kN)", "Backbone of a pushover curve", legend=0)
+
+
 #: Width of a building in the drawing, and the largest sway drawn, in heights of the highest building.
 _WIDTH, _SWAY = 0.5, 0.14
 #: Largest gap drawn, and the thickness of a wall, in widths of a building.
