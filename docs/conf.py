@@ -33,6 +33,7 @@ _RUN = (
     "howto_view.md",
     "howto_frames.md",
     "howto_collapse.md",
+    "howto_storey_law.md",
 )
 exclude_patterns = ["_build", *_RUN]
 html_theme = "furo"

@@ -33,7 +33,7 @@ CALLS = {
     "pulse_record": "(shape, *, amplitude, period, dt, duration=None, name=None)",
     "synthetic_record": "(seed, *, duration=20.0, dt=0.01, pga=3.0, name=None)",
     "Range": "(start, stop, count, spacing='linear')",
-    "backbone_from_pushover": "(path, *, drift=None, shear=None, units=None, law='bilinear', target_drift=inf)",
+    "backbone_from_pushover": "(path, *, drift=None, shear=None, units=None, law='bilinear', target_drift=None)",
     "cyclic_test": "(building, drifts, storey=1)",
     "simulate": "(scene, record, *, law=None, gaps=None, stiffness=None, restitution=None, method=None, dt=None, "
     "locate=True, initial_velocity=None, precision=None, accuracy=None, output_step=None)",

@@ -51,7 +51,7 @@ def backbone_from_pushover(
     shear: str | None = None,
     units: tuple[str, str] | None = None,
     law: str = "bilinear",
-    target_drift: float = np.inf,
+    target_drift: float | None = None,
 ) -> PushoverFit:
     """Fit yield, hardening, cap, post-cap slope and residual to the pushover curve of a storey, and print them.
 
@@ -108,10 +108,11 @@ def backbone_from_pushover(
     import xarray as xr
 
     d, v = _read_curve(path, (drift, shear), units)
-    largest = float(np.max(v, where=d <= target_drift, initial=0.0))
+    limit = np.inf if target_drift is None else target_drift
+    largest = float(np.max(v, where=d <= limit, initial=0.0))
     if largest <= 0.0:
-        raise InputError(f"target_drift is {target_drift:g} m; it must be beyond the first drift, {d[1]:g} m")
-    peak = int(np.flatnonzero((v >= largest * (1.0 - 1e-9)) & (d <= target_drift))[-1])
+        raise InputError(f"target_drift is {limit:g} m; it must be beyond the first drift, {d[1]:g} m")
+    peak = int(np.flatnonzero((v >= largest * (1.0 - 1e-9)) & (d <= limit))[-1])
     cap, top, end, least = (float(x) for x in (d[peak], v[peak], d[-1], v[peak:].min()))
 
     def secant(strength: float) -> float:

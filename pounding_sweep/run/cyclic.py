@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 _MAX_BRANCHES = 100
 #: Relative error of what flows between two drifts.
 _TOLERANCE = 1e-12
+#: Unit of each variable of a test.
+_UNITS = {"drift": "m", "shear": "kN", "stiffness": "kN m-1", "energy": "kN m"}
 #: Factor between amplitudes of FEMA 461, and the number of amplitudes where none is given to start with.
 _GROWTH, _AMPLITUDES = 1.4, 10
 
@@ -34,15 +36,13 @@ class ImposedSpring(Sampled):
     law: StoreyLaw
     slip: Any
     travel: Any  # what is lost, over the law's `loss`
-    imposed: Any  # drift (m), the one before, and the sign of its change
-    previous: Any
+    imposed: Any  # drift (m), and the sign of its change
     way: Any
 
     def __init__(self, law: StoreyLaw, stiffness: Any, constants: dict[str, Any], compiled: Any, n: int) -> None:
-        rows = {name: np.zeros(n) for name in (*law.rows, "travel", "then", "imposed", "previous", "way")}
-        super().__init__(
-            stiffness, {**rows, **constants, "law": law, "compiled": compiled, "group": self, "spec": self}
-        )
+        rows = {name: np.zeros(n) for name in (*law.rows, "travel", "then", "imposed", "way")}
+        about = {"law": law, "compiled": compiled, "group": self, "spec": self}
+        super().__init__(stiffness, rows | constants | about)
 
     #: What laws ask of the group of a kernel's lanes, and of its spec.
     requested, series = ("hysteretic",), False
@@ -57,13 +57,13 @@ class ImposedSpring(Sampled):
             setattr(self, name, self.full(x) if lanes is None else np.where(lanes, x, getattr(self, name)))
 
     def drift(self, x: Any = "u", rounding: bool = False) -> Any:
-        """Return the drift (m), or its rate, or what it was at the drift before, by the names of kernels' rows."""
+        """Return the drift (m), or the sign of its rate, by the names of kernels' rows."""
         del rounding
-        return {"u": self.imposed, "u0": self.previous}.get(x, self.way)
+        return self.imposed if x == "u" else self.way
 
     def impose(self, drift: Any) -> None:
         """Go on to a drift (m), from branch to branch."""
-        self.previous, self.way = self.imposed, np.sign(drift - self.imposed)
+        self.way = np.sign(drift - self.imposed)
         if not self.law.straight:
             self._flow(drift)
             return
@@ -195,11 +195,11 @@ def cyclic_test(building: Building, drifts: Any, storey: int = 1) -> xr.Dataset:
     """
     import xarray as xr
 
-    if storey not in range(1, building.n_storeys + 1) or building.stiffness_matrix is not None:
-        what = "is given by its stiffness matrix" if building.stiffness_matrix is not None else "has no such storey"
-        raise InputError(
-            f"storey is {storey!r}, but building {building.name!r} {what}; its storeys are numbered from 1"
+    if storey not in range(1, len(building.stiffnesses or ()) + 1):
+        what = (
+            "has no such storey" if building.stiffnesses else "is given by its matrix, without stiffnesses of storeys"
         )
+        raise InputError(f"storey is {storey!r}, but building {building.name!r} {what}; they are numbered from 1")
     try:
         path = np.array(drifts, dtype=float)
     except (TypeError, ValueError):
@@ -221,19 +221,10 @@ def cyclic_test(building: Building, drifts: Any, storey: int = 1) -> xr.Dataset:
             stiffness[point] += tangent
             energy[point] += loss * spring.travel
     fallen = np.maximum.accumulate(np.abs(columns) >= row.drift_limits[floor], axis=0)
-    about = {
-        "drift": (columns, "m", "imposed interstorey displacement"),
-        "shear": (shear, "kN", "storey shear"),
-        "stiffness": (stiffness, "kN m-1", "tangent stiffness"),
-        "energy": (energy, "kN m", "energy dissipated so far"),
-    }
+    dims, table = ("point", "history")[: path.ndim], np.where(fallen, np.nan, [shear, stiffness, energy])
     variables = {
-        name: (
-            ("point", "history")[: path.ndim],
-            np.where(fallen & (name != "drift"), np.nan, values).reshape(path.shape),
-            {"units": units, "long_name": text},
-        )
-        for name, (values, units, text) in about.items()
+        name: (dims, values.reshape(path.shape), {"units": units})
+        for (name, units), values in zip(_UNITS.items(), (columns, *table), strict=True)
     }
     row_text = json.dumps(json_data(scene), sort_keys=True, separators=(",", ":"), allow_nan=False)
     return xr.Dataset(variables, attrs={"building": building.name, "storey": storey, "scene": row_text})
