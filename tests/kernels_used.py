@@ -93,7 +93,12 @@ DEGRADING = ps.Scene(
             (
                 LEANING.buildings[0],
                 [150.0, 90.0],
-                {"law": "pinching", "cap_drift": 0.04, "residual": 0.2, "deterioration": {"strength": 0.8}},
+                {
+                    "law": "pinching",
+                    "cap_drift": 0.04,
+                    "residual": 0.2,
+                    "deterioration": {"strength": 0.8, "unloading": 1.0},
+                },
             ),
             (
                 replace(LEANING.buildings[1], p_delta=False),

@@ -125,7 +125,8 @@ def test_a_mirrored_row_moves_as_its_image(name, method):
     ):
         for pair_name, name_there in pairs.items() if each in one else ():
             mine, theirs = one[each].sel(pair=pair_name), other[each].sel(pair=name_there)
-            away = {"rtol": 1e-7, "atol": 1e-7 * float(abs(one[each]).max())}
+            # an elastic contact takes no work
+            away = {"rtol": 1e-7, "atol": 1e-7 * float(abs(one[each]).max()) + 1e-12}
             np.testing.assert_allclose(theirs.values, mine.values, **away, err_msg=each)
 
 

@@ -105,7 +105,7 @@ class Backbone(Shares):
     ----------
     cap_drift : float, mapping or sequence of float, optional
         Drift (m) from which the shear falls, of all storeys, one per storey, or a table of ``positive`` and
-        ``negative``; here and below. It never falls where there is none.
+        ``negative``; here and below. It never falls where there is none, and not before it yields.
     post_cap : float, mapping or sequence of float
         Stiffness of the falling branch over the elastic one, below 0.
     residual : float, mapping or sequence of float
@@ -129,6 +129,9 @@ class Backbone(Shares):
                 for x in value if isinstance(value, tuple) else () if value is None else (value,):
                     if not is_allowed(x):
                         raise SceneError(f"is {x:g}; it must be {words}", (name,))
+        for name, default in (("post_cap", -0.1), ("residual", 0.0)):
+            if self.cap_drift is None and getattr(self, name) != default:
+                raise SceneError("is that beyond a cap; give cap_drift too, or leave it out", (name,))
 
     def with_factors(self, capacity: float, deterioration: float) -> Backbone:
         """Return the same, with factors on the drifts at which strength is lost and on those of deterioration."""
