@@ -16,7 +16,6 @@ from scenes import pair
 import pounding_sweep as ps
 from pounding_sweep import lanes
 from pounding_sweep.engine import compile, row_kernel
-from pounding_sweep.engine import kernel as emitter
 from pounding_sweep.engine.compile import get_kernel
 from pounding_sweep.engine.kernel import width
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
@@ -179,8 +178,7 @@ def test_bits_are_those_of_any_machine(tmp_path):
 def test_bits_are_those_of_registers_of_another_width(law, method, precision, monkeypatch):
     here, before = results(law, method, precision), width(precision)
     wide = not lanes.has_wide_registers()
-    for module in (lanes, emitter):
-        monkeypatch.setattr(module, "has_wide_registers", lambda: wide)
+    monkeypatch.setattr(lanes, "has_wide_registers", lambda: wide)
     another_machine(monkeypatch, "registers of another width")
     assert width(precision) != before
     there = results(law, method, precision)

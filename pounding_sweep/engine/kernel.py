@@ -10,32 +10,14 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
+from pounding_sweep import lanes as lane_code
 from pounding_sweep.kernel import march
 from pounding_sweep.kernel.flight import Flight, Layout
 from pounding_sweep.kernel.flight_tables import Blocks, Tables
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.spec import LANES, N_ARGUMENTS, PARAMETERS, KernelSpec, history_slots, input_slots
 from pounding_sweep.kernel.turns import Course, Flights, Turns, run_scenarios
-from pounding_sweep.lanes import (
-    Builder,
-    Cell,
-    Count,
-    Ledger,
-    Real,
-    Rows,
-    Table,
-    Tracer,
-    constant,
-    count_to,
-    has_wide_registers,
-    lane_of,
-    lesser,
-    narrow,
-    once_if,
-    real,
-    tracing,
-    where,
-)
+from pounding_sweep.lanes import Count, Ledger, Real, Rows, Table, Tracer, count_to, lesser, narrow
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.variables.registry import output_slots, reducers_of
 
@@ -60,7 +42,7 @@ class Ground:
 
     def _double(self, n: Any) -> Any:
         """Return a whole number as one of double precision."""
-        return real(n if self._wide is None else Count(self._wide, n.value))
+        return lane_code.real(n if self._wide is None else Count(self._wide, n.value))
 
     def start(self) -> Any:
         """Acceleration at the first point."""
@@ -74,7 +56,7 @@ class Ground:
     def ends(self, i: Any, j: Any) -> tuple[Any, Any]:
         """Accelerations at both ends of a step."""
         last = self._motion.number(lesser(i + 1, self.intervals), fixed=True)
-        late = where(j == self.steps - 1, last, self._between(i, j + 1))
+        late = lane_code.where(j == self.steps - 1, last, self._between(i, j + 1))
         return narrow(self._trace, self._between(i, j)), narrow(self._trace, late)
 
     def time(self, number: Any) -> Any:
@@ -87,7 +69,7 @@ class Ground:
 
 def width(precision: str) -> int:
     """Scenarios side by side in one vector: as many as a register of the processor holds."""
-    return (64 if has_wide_registers() else 32) // (8 if precision == "float64" else 4)
+    return (64 if lane_code.has_wide_registers() else 32) // (8 if precision == "float64" else 4)
 
 
 def make_group(spec: KernelSpec, trace: Tracer | None, lanes: int, constants: Any, memory: Any = None) -> Group:
@@ -118,7 +100,9 @@ def run_twin(spec: KernelSpec, *numbers: Any) -> None:
 
 def emit(spec: KernelSpec, builder: Any, place: Any) -> None:
     """Write the kernel of `spec`, or its flight, where `builder` stands; `place` is the address of its frame."""
-    with tracing(trace := Tracer(writer := Builder(builder.block), spec.precision, width(spec.precision))):
+    with lane_code.tracing(
+        trace := Tracer(writer := lane_code.Builder(builder.block), spec.precision, width(spec.precision))
+    ):
         frame = writer.inttoptr(place, _I64.as_pointer())
         values, shapes = _read_frame(trace, frame)
         ledger = Ledger(writer.gep(frame, [_I64(N_ARGUMENTS)], inbounds=True), begins=not spec.only_flight)
@@ -161,14 +145,14 @@ def _run(
     history = Table(trace, values["history"], 1, double=True)
 
     def put(row: Any, column: int, value: Any) -> None:
-        history.put_number(row * columns + column, lane_of(value, 0))
+        history.put_number(row * columns + column, lane_code.lane_of(value, 0))
 
     if not free_running:
         _run_groups(group, ground, values, shapes["inputs"][0], put)
         return
     note = noter(group, put, True) if spec.history else None
     if not spec.flies_exactly:
-        turns = Turns(group, ground, Course(group, Cell), *_scenarios(group, ground, values), note)
+        turns = Turns(group, ground, Course(group, lane_code.Cell), *_scenarios(group, ground, values), note)
         run_scenarios(group, ground, turns.serve, turns.course, note)
         return
     if trace is not None:  # flight's own rows come before those of the state
@@ -203,7 +187,7 @@ def _run_groups(group: Group, ground: Ground, values: dict[str, Any], groups: An
         note = noter(group, put, part == 0) if spec.history else None
         march.begin(group, ground.start())
         if note is not None:
-            note(constant(0))
+            note(lane_code.constant(0))
 
         def leave(ended: Any, results: Rows = results) -> None:
             for name, n in results.count.items():
@@ -246,7 +230,7 @@ def noter(group: Group, put: Callable[[Any, int, Any], None], first: Any) -> Cal
     s, place = group.state, history_slots(group.spec)
 
     def note(row: Any) -> None:
-        for name, n in (item for _ in once_if(first) for item in place.count.items()):
+        for name, n in (item for _ in lane_code.once_if(first) for item in place.count.items()):
             for q in range(n):
                 if name != "force":
                     value = s[name, q]

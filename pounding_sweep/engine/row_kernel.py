@@ -14,18 +14,9 @@ import numpy as np
 
 from pounding_sweep.engine.flight import flight_tables, stops_of
 from pounding_sweep.engine.kernel import make_group, width
+from pounding_sweep.kernel import spec
 from pounding_sweep.kernel.flight import Layout
-from pounding_sweep.kernel.spec import (
-    CONTACT_CAP,
-    LANES,
-    SERIES_CAP,
-    STAGED_CAP,
-    KernelSpec,
-    LawShape,
-    Slots,
-    input_slots,
-    property_slots,
-)
+from pounding_sweep.kernel.spec import LANES, KernelSpec, LawShape
 from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.meeting import column_shares
@@ -156,7 +147,7 @@ def flight_refinement(accuracy: float) -> float:
     return float(FLIGHT_STEP[-1] / (SEPTIC * accuracy) ** 0.125)
 
 
-def _packed(slots: Slots, values: Mapping[str, Any], n: int) -> np.ndarray:
+def _packed(slots: spec.Slots, values: Mapping[str, Any], n: int) -> np.ndarray:
     """Put values of shape (slots, n), or one for all n, where their slots lie; 0 where there are none."""
     rows = np.zeros((slots.size, n))
     for name, value in values.items():
@@ -170,11 +161,11 @@ def _constants(
     shape: KernelSpec, scene: Scene, numerics: Numerics, initial_velocity: tuple[float, ...] | None, rough: bool
 ) -> np.ndarray:
     """Scene constants in a kernel's layout: each chunk asks for them."""
-    slots, row = property_slots(shape), variants_of(scene)
-    cap = (STAGED_CAP if shape.staged else CONTACT_CAP) / numerics.refinement
+    slots, row = spec.property_slots(shape), variants_of(scene)
+    cap = (spec.STAGED_CAP if shape.staged else spec.CONTACT_CAP) / numerics.refinement
     values: dict[str, Any] = {name: read(row).T for name, read in PROPERTIES.items() if slots.count.get(name)}
     values |= {name: numbers.T for name, numbers in row.spring_constants.items() if name in slots.first}
-    values["cap"] = SERIES_CAP / numerics.refinement**SERIES_FALL if shape.series else cap
+    values["cap"] = spec.SERIES_CAP / numerics.refinement**SERIES_FALL if shape.series else cap
     values |= {"newmark_beta": numerics.beta, "newmark_gamma": numerics.gamma}
     values["settles"] = float(numerics.rest == math.inf)
     if initial_velocity is not None:
@@ -393,7 +384,7 @@ class RowKernel:
         """Return the inputs of scenarios as they lie in the lanes, shape (groups, slots times lanes)."""
         scale, gaps, stiffness, restitution, rests = inputs
         stiffness = stiffness if self._touches else np.ones_like(stiffness)
-        shape, slots, n = self.shape, input_slots(self.shape), len(scale)
+        shape, slots, n = self.shape, spec.input_slots(self.shape), len(scale)
         values: dict[str, Any] = {"scale": scale, "rests": rests}
         if shape.contacts:
             values["gap"] = self._clearances(gaps).T if self._touches else FAR_GAP

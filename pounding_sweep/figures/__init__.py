@@ -58,6 +58,8 @@ _OPTIONS = {
     "ax": "matplotlib.axes.Axes, optional\n    Axes for a figure of one panel.",
 }
 _FIGURES: dict[str, Kind] = {}
+#: All figures by name, found at their first use.
+FIGURES: dict[str, Kind]
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from llvmlite import ir
 
+from pounding_sweep import lanes as lane_code
 from pounding_sweep.kernel.spec import (
     TOLERANCES,
     Code,
@@ -24,26 +25,7 @@ from pounding_sweep.kernel.spec import (
     result_slots,
 )
 from pounding_sweep.kernel.types import ByFloor, End, Index, Instant, Lanes, Truths
-from pounding_sweep.lanes import (
-    Cell,
-    Count,
-    Counts,
-    Lookup,
-    Rows,
-    Table,
-    Tracer,
-    Vector,
-    count_to,
-    everywhere,
-    fma,
-    maximum,
-    minimum,
-    power_of,
-    roughly_power,
-    size,
-    sqrt,
-    where,
-)
+from pounding_sweep.lanes import Cell, Lookup, Rows, count_to, fma, maximum, roughly_power, sqrt, where
 from pounding_sweep.model.formula import read, value
 from pounding_sweep.model.laws import RESTING_SPEED
 from pounding_sweep.model.storeys import Elastic, law_of
@@ -65,7 +47,7 @@ STEEP_SHARE = 1.0
 
 
 #: Functions in the formulas of laws.
-_FUNCTIONS: dict[str, Callable[..., Any]] = {"max": maximum, "sqrt": sqrt, "pow": power_of}
+_FUNCTIONS: dict[str, Callable[..., Any]] = {"max": maximum, "sqrt": sqrt, "pow": lane_code.power_of}
 
 
 class LaneLaw:
@@ -123,7 +105,7 @@ class LaneLaw:
         force = self.elastic(k, c, d)
         if self.shape.damper:
             felt = maximum(v, 0.0) if self.shape.approach_only else v
-            force = force + self.damper(c, d) * (minimum(v, 0.0) if self.shape.rebound_only else felt)
+            force = force + self.damper(c, d) * (lane_code.minimum(v, 0.0) if self.shape.rebound_only else felt)
         return force if self.shape.tension else where(d > 0.0, maximum(force, 0.0), 0.0)
 
     def memoryless(self, k: Lanes, c: Lanes, fastest: Lanes, d: Lanes, v: Lanes) -> Lanes:
@@ -158,7 +140,7 @@ class Group:
         spec: KernelSpec,
         scheme: Any,
         reducers: Sequence[Any],
-        trace: Tracer | None,
+        trace: lane_code.Tracer | None,
         lanes: int,
         constants: Any,
         memory: Any = None,
@@ -187,7 +169,7 @@ class Group:
         #: How many rows steps leave to the next.
         self.n_persistent_rows = sum((self._rows[0] | self._rows[1]).values())
         self.state = Rows(trace, reduce(or_, self._rows), lanes, memory)
-        self._scene, self.ground = Table(trace, constants, lanes), GroundMotion(self.state)
+        self._scene, self.ground = lane_code.Table(trace, constants, lanes), GroundMotion(self.state)
 
     def declare(self, count: int, *names: str, of_law: bool = False, passing: bool = False) -> None:
         """Let there be rows of state, so many of each name: an owner declares what it needs."""
@@ -232,17 +214,17 @@ class Group:
             return number * h + (h - rest)
         t, b = self.trace, self.trace.builder
         double = ir.DoubleType()
-        many = isinstance(number, Counts)
+        many = isinstance(number, lane_code.Counts)
         kind = ir.VectorType(double, t.lanes)
         steps = b.sitofp(number.value, kind if many else double)
         steps = steps if many else t.spread(steps)
         wide = (lambda x: x) if t.size == 8 else (lambda x: b.fpext(x, kind))
         time = b.fadd(b.fmul(steps, wide(self.full(h).value)), wide((h - rest).value))
-        return Vector(t, time if t.size == 8 else b.fptrunc(time, t.vector))
+        return lane_code.Vector(t, time if t.size == 8 else b.fptrunc(time, t.vector))
 
     def full(self, x: Lanes) -> Lanes:
         """Return a number or a truth in all lanes."""
-        return everywhere(self.trace, x, self.lanes)
+        return lane_code.everywhere(self.trace, x, self.lanes)
 
     def cell(self, x: Lanes) -> Cell:
         """Return a variable with a number or a truth in all lanes."""
@@ -389,7 +371,7 @@ class Group:
 
     def indices(self, n: Index, straight: bool = True) -> Iterator[Index]:
         """Count to n, at run time in a long row."""
-        if self.looped or not straight or isinstance(n, Count):
+        if self.looped or not straight or isinstance(n, lane_code.Count):
             yield from count_to(n)
         else:
             yield from range(n)
@@ -455,33 +437,41 @@ def signed_sum(terms: Sequence[tuple[int, Lanes]]) -> Lanes:
     return total
 
 
-class Element:
-    """What resists a stretch, the sum of its ends' displacements by signs and shares.
+class _InRows:
+    """What has rows of the state, and properties of the scene, as attributes; its index may be one of a loop."""
 
-    Its rows of the state, and properties of the scene, are its attributes; its index may be one of a loop at run time.
-    """
+    group: Group
+    index: Index
+
+    def _place(self, name: str) -> Index:
+        del name
+        return self.index
+
+    def __getattr__(self, name: str) -> Any:
+        group, place = self.group, self._place(name)
+        return group.state[name, place] if name in group.state.first else group.prop(name, place)
+
+    def __setattr__(self, name: str, x: Lanes) -> None:
+        self.group.state[name, self._place(name)] = x
+
+    def put(self, lanes: Truths, **rows: Lanes) -> None:
+        """Write rows in some lanes (None: all)."""
+        for name, x in rows.items():
+            self.group.state.put(lanes, x, name, self._place(name))
+
+
+class Element(_InRows):
+    """What resists a stretch, the sum of its ends' displacements by signs and shares."""
 
     # numbers: what else is known of it
 
     def __init__(self, group: Group, index: Index, ends: Sequence[End], **numbers: Any) -> None:
         self.__dict__.update(group=group, index=index, ends=ends, **numbers)
 
-    def __getattr__(self, name: str) -> Any:
-        state = self.group.state
-        return state[name, self.index] if name in state.first else self.group.prop(name, self.index)
-
-    def __setattr__(self, name: str, x: Lanes) -> None:
-        self.group.state[name, self.index] = x
-
-    def put(self, lanes: Truths, **rows: Lanes) -> None:
-        """Write rows in some lanes (None: all)."""
-        for name, x in rows.items():
-            self.group.state.put(lanes, x, name, self.index)
-
     def between(self, x: ByFloor = "u", rounding: bool = False) -> Lanes:
         """Stretch of a row's name, or of values of its ends; or the sum of sizes by which it is rounded."""
         parts = [(sign, part_of(self.group.floor(x, i), share)) for i, sign, share in self.ends]
-        return reduce(add, [size(part) for _, part in parts]) if rounding else signed_sum(parts)
+        return reduce(add, [lane_code.size(part) for _, part in parts]) if rounding else signed_sum(parts)
 
     def on_ends(self, force: Lanes) -> list[tuple[Index, int, Lanes]]:
         """Return what a force that resists the stretch does at each end: the sign, to the right, and how much of it."""
@@ -692,7 +682,7 @@ class Storey(Spring):
         return [StoreySpring(self, code) for code, numbers in alike if self.index in numbers]
 
 
-class StoreySpring(Elastic):
+class StoreySpring(_InRows, Elastic):
     """An element of a storey that follows a storey law: its rows and constants, and those of the storey."""
 
     def __init__(self, storey: Storey, code: Code) -> None:
@@ -711,18 +701,6 @@ class StoreySpring(Elastic):
 
     def _place(self, name: str) -> Index:
         return self.number if name in self.group.spec.spring_names else self.storey.index
-
-    def __getattr__(self, name: str) -> Any:
-        group, place = self.group, self._place(name)
-        return group.state[name, place] if name in group.state.first else group.prop(name, place)
-
-    def __setattr__(self, name: str, x: Lanes) -> None:
-        self.group.state[name, self._place(name)] = x
-
-    def put(self, lanes: Truths, **rows: Lanes) -> None:
-        """Write rows in some lanes (None: all)."""
-        for name, x in rows.items():
-            self.group.state.put(lanes, x, name, self._place(name))
 
     @property
     def stiffness(self) -> Lanes:

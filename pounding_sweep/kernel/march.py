@@ -9,26 +9,13 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
+from pounding_sweep import lanes as lane_code
 from pounding_sweep.kernel import collapse, forces, hysteresis, impulse, rest, transfers
 from pounding_sweep.kernel.group import BENDS, ENDS_OF_STEP, Group
 from pounding_sweep.kernel.peaks import largest_accelerations, reduce_step, samples, turning, turns
 from pounding_sweep.kernel.row import iter_powers
 from pounding_sweep.kernel.types import Index, Lanes, Note, Truths
-from pounding_sweep.lanes import (
-    Cell,
-    any_lane,
-    count_to,
-    fma,
-    maximum,
-    minimum,
-    not_,
-    once_if,
-    real,
-    size,
-    when_any,
-    where,
-    while_any,
-)
+from pounding_sweep.lanes import Cell, any_lane, fma, maximum, minimum, not_, once_if, real, when_any, where, while_any
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: A displacement (m) that only a diverged run reaches.
@@ -80,7 +67,7 @@ def conclude(group: Group, lanes: Truths, steps: Index) -> None:
     sound = group.cell(True)
     for i in group.indices(spec.n_moving):
         v = s["v", i]
-        sound.now &= (size(s["u", i]) < DIVERGED) & (v - v == 0.0)
+        sound.now &= (lane_code.size(s["u", i]) < DIVERGED) & (v - v == 0.0)
     flags = where(sound.now, 0.0, float(FLAG_DIVERGED))
     flags = flags + s["collapsed"] if spec.falling else flags
     for spring in group.iter_springs() if "strength" in group.requested else ():
@@ -330,7 +317,7 @@ class FixedSteps:
                 self._leave(number.now, busy)
                 goes_on.now = any_lane(busy.now)
             for _ in once_if(goes_on.now):
-                for j in count_to(ground.steps):
+                for j in lane_code.count_to(ground.steps):
                     self._step(number.now, j, closed, flowing)
                 number.now += 1
 

@@ -39,19 +39,9 @@ from pydantic import Field
 
 from pounding_sweep.base.errors import LawError, repr_short, unknown
 from pounding_sweep.base.files import expanded, read_data
+from pounding_sweep.model import faults
 from pounding_sweep.model import formula as formulas
-from pounding_sweep.model.faults import (
-    Flag,
-    Listed,
-    NotNegative,
-    Number,
-    Positive,
-    checked,
-    checked_call,
-    derived,
-    one_of,
-    set_fields,
-)
+from pounding_sweep.model.faults import Flag, Number, Positive, checked_call, derived, one_of, set_fields
 from pounding_sweep.model.rebound import RELATIONS, YIELD_SHARE, check_basis
 
 #: Slowest approach velocity (m/s) that a law divides by. A slower touch (resting contact, zero gap) is damped as if it
@@ -61,7 +51,7 @@ RESTING_SPEED = 1.0e-3
 SOLVED = "solved"
 
 
-@checked
+@faults.checked
 class Law:
     """One contact law: expressions, parameters, validity and source.
 
@@ -147,7 +137,7 @@ class Law:
     tension: Flag = False
     zero_restitution: Flag = False
     reference_stiffness: Positive | None = None
-    thickness: NotNegative = 0.0
+    thickness: faults.NotNegative = 0.0
     source: str = field(default="", compare=False)
     ERROR: ClassVar = LawError
 
@@ -550,7 +540,7 @@ def hertz_stiffness(
     young_modulus: Positive = 25.0e6,
     poisson_ratio: Annotated[Number, Field(ge=0.0, lt=0.5)] = 0.2,
     density: Positive = 2.5,
-    radii: Annotated[tuple[Positive, Positive], Listed] | None = None,
+    radii: Annotated[tuple[Positive, Positive], faults.Listed] | None = None,
 ) -> float:
     """Hertz contact stiffness of two spheres (kN/m^1.5).
 

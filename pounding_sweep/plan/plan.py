@@ -21,16 +21,9 @@ from pounding_sweep.engine.row_kernel import REST_PERIODS, SMALL_MOTION, Numeric
 from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.variants import Variants
+from pounding_sweep.plan import scenarios
 from pounding_sweep.plan.advice import COARSEST, Choice, Demand, advise
-from pounding_sweep.plan.scenarios import (
-    Chunk,
-    Scenarios,
-    but_for_gaps,
-    cut,
-    stable_steps,
-    uncoupled_runs_of,
-    unique_scenarios,
-)
+from pounding_sweep.plan.scenarios import Scenarios
 from pounding_sweep.request.spec import (
     DEFAULT_ACCURACY,
     SweepSpec,
@@ -39,14 +32,8 @@ from pounding_sweep.request.spec import (
     with_accuracy,
     with_default_scheme,
 )
-from pounding_sweep.variables.registry import (
-    Status,
-    check_outputs,
-    cube_variables,
-    get_variable,
-    inner_shape,
-    reducers_for,
-)
+from pounding_sweep.variables import registry
+from pounding_sweep.variables.registry import reducers_for
 
 #: Storeys of a building up to which it may be taken for a chain of storeys unasked.
 _FEW_STOREYS = 3
@@ -140,7 +127,7 @@ class Plan:
         """Variables that are asked for; where steps were chosen, the step and the estimated error; falls."""
         chosen = [] if self.spec.accuracy is None else ["time_step", "error_estimate"]
         chosen += ["collapse_time", "collapsed_storey"] if any(self.spec.scene.falls) else []
-        return check_outputs((*self.spec.outputs, *chosen))
+        return registry.check_outputs((*self.spec.outputs, *chosen))
 
     @property
     def n_asked(self) -> int:
@@ -217,7 +204,7 @@ class Plan:
         weights = np.where(self.refused, 0, np.where(self.no_contact, LEAST_SHARED, 1))
         return np.flatnonzero(np.bincount(self.uncoupled_of, weights, len(self.uncoupled_runs)) >= LEAST_SHARED)
 
-    def chunks(self, rows: np.ndarray, uncoupled: bool = False) -> list[Chunk]:
+    def chunks(self, rows: np.ndarray, uncoupled: bool = False) -> list[scenarios.Chunk]:
         """Cut rows of `unique`, or of `uncoupled_runs`, into chunks; depends on nothing but the sweep and the rows."""
         name = f"{self.digest}:{self.numerics.method}{':once' * self.once}"
         table, steps = self.unique, self.steps
@@ -232,7 +219,7 @@ class Plan:
                 variants = self.variants[table.variant[rows_of]]
                 flights[rows_of] = kernel.flight_substeps(self.spec.records[index], variants)
         most, seconds = CHUNK_BYTES // self.bytes_per_scenario, self.scenario_seconds
-        return cut(table, rows, steps, flights, name=name, longest=CHUNK_SECONDS, most=most, seconds=seconds)
+        return scenarios.cut(table, rows, steps, flights, name=name, longest=CHUNK_SECONDS, most=most, seconds=seconds)
 
     def scenario_seconds(self, record: int, steps: int) -> float:
         """Estimated seconds of one scenario on one core, with `steps` per record interval."""
@@ -266,8 +253,9 @@ class Plan:
     def bytes_per_scenario(self) -> int:
         """Bytes of one scenario's values."""
         return sum(
-            np.dtype(get_variable(name).dtype).itemsize * math.prod(inner_shape(name, self.spec.scene))
-            for name in cube_variables(self.outputs)
+            np.dtype(registry.get_variable(name).dtype).itemsize
+            * math.prod(registry.inner_shape(name, self.spec.scene))
+            for name in registry.cube_variables(self.outputs)
         )
 
     def summary(self, workers: int = 1) -> dict[str, Any]:
@@ -323,7 +311,7 @@ class Plan:
             rows.append(("", "(scenarios that never touch are skipped after the no-contact run)"))
         if self.refused.any():
             stable = f"every scenario is stable at dt <= {float(self.limit[self.refused].min()):.3g} s"
-            remedy = f"{Status.BEYOND_STABILITY_LIMIT.remedy}; {stable}"
+            remedy = f"{registry.Status.BEYOND_STABILITY_LIMIT.remedy}; {stable}"
             rows.append(("refused", f"{plan['refused']}: beyond the stability limit; {remedy}"))
         rows += [("kernels", f"{plan['kernels']}{kernels}"), ("steps", f"{steps} per scenario")]
         rows += [("accuracy", self.choice)] if self.choice else []
@@ -347,10 +335,10 @@ class Plan:
 def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
     """Reduce a sweep to its unique scenarios."""
     laws = (*(spec.law(key) for key in spec.laws if key != "none"), get_law("none"))
-    unique, variants, inverse = unique_scenarios(spec, laws)
-    table, repeats = but_for_gaps(unique)  # no step depends on gaps
+    unique, variants, inverse = scenarios.unique_scenarios(spec, laws)
+    table, repeats = scenarios.but_for_gaps(unique)  # no step depends on gaps
     spec, choice = _choose(spec, laws, table, repeats, variants, initial_speed)
-    limit = stable_steps(spec, laws, table, variants, choice.numerics.method)
+    limit = scenarios.stable_steps(spec, laws, table, variants, choice.numerics.method)
     interval = np.array([record.dt for record in spec.records])
     refused = np.zeros(len(table), bool) if spec.force_unstable else interval[table.record] / choice.steps > limit
 
@@ -359,7 +347,7 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
         constant = len(column) > 0 and bool((column == column[0]).all())
         return np.broadcast_to(column[0], len(unique)) if constant else np.repeat(column, repeats)
 
-    uncoupled_runs, uncoupled_of = uncoupled_runs_of(unique, len(laws) - 1)
+    uncoupled_runs, uncoupled_of = scenarios.uncoupled_runs_of(unique, len(laws) - 1)
     return Plan(
         spec=spec,
         laws=laws,

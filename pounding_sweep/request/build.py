@@ -22,16 +22,8 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, TypeAdapter, ValidationError, create_model
 
-from pounding_sweep.base.errors import (
-    Fault,
-    InputError,
-    MissingRecordError,
-    Place,
-    SceneError,
-    SweepError,
-    repr_short,
-    unknown,
-)
+from pounding_sweep.base import errors
+from pounding_sweep.base.errors import InputError, Place, SweepError, repr_short, unknown
 from pounding_sweep.base.files import expanded
 from pounding_sweep.base.text import LONGEST_TITLE, comma_hint, label_fault
 from pounding_sweep.model.building import Building
@@ -159,7 +151,7 @@ _OF_CASES |= {"law": (Any, key(f"a law, valid: {', '.join(LAWS)}")), "scale": (A
 CaseTable = create_model("CaseTable", __base__=Table, **_OF_CASES, **_BY_NAME)
 
 
-def read_sweep(arguments: dict[str, Any]) -> tuple[SweepSpec | None, list[Fault]]:
+def read_sweep(arguments: dict[str, Any]) -> tuple[SweepSpec | None, list[errors.Fault]]:
     """Make a sweep of the arguments of `build_spec`; None, and every fault with its place, if that is not possible."""
     reader = _Reader(arguments)
     spec = reader.faults.attempt((), reader.read)
@@ -279,7 +271,7 @@ class _Reader:
                 table["row"] = [self._read_building(("scene", "row", i), item) for i, item in enumerate(row)]
         if isinstance(table, dict) and "preset" in table:
             if table["row"] != ():
-                raise SceneError("preset and row exclude each other; give one of them", ("preset",))
+                raise errors.SceneError("preset and row exclude each other; give one of them", ("preset",))
             if (preset := faults.attempt(("scene", "preset"), get_preset, table.pop("preset"))) is None:
                 return None
             contact = vars(preset.contact) | contact if isinstance(contact, dict) else contact
@@ -327,7 +319,7 @@ class _Reader:
                 if (records := read_files(path, base, read)) is not None:
                     return records
             return [record_of_table(item, Path(base or "."), folders)]
-        except MissingRecordError as error:
+        except errors.MissingRecordError as error:
             if not self.arguments["skip_missing_records"]:
                 raise
             self.left_out.append((isinstance(item, dict) and item.get("name")) or error.record)

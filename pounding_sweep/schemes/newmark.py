@@ -15,30 +15,11 @@ from functools import partial
 
 import numpy as np
 
-from pounding_sweep.kernel import hysteresis, impulse, links
-from pounding_sweep.kernel.forces import (
-    OPEN,
-    PRESSING,
-    REBOUND,
-    SIDES,
-    SLACK,
-    contact_rate,
-    force_at_end,
-    is_closed,
-    set_plastic,
-    settle_yielding,
-    slip,
-    stick,
-)
+from pounding_sweep.kernel import forces, hysteresis, impulse, links, row
+from pounding_sweep.kernel.forces import OPEN, REBOUND, SIDES, SLACK
 from pounding_sweep.kernel.group import Contact, Group, Part, Storey, part_of, signed_sum
 from pounding_sweep.kernel.march import keep_start, refuse
-from pounding_sweep.kernel.row import (
-    Pushes,
-    accelerations,
-    add_forces,
-    powers,
-    put_accelerations,
-)
+from pounding_sweep.kernel.row import powers
 from pounding_sweep.kernel.types import Index, Lanes, Truths
 from pounding_sweep.lanes import Cell, constant, fma, maximum, minimum, size, when_any, where, while_any
 from pounding_sweep.schemes.base import Scheme
@@ -258,7 +239,7 @@ def correct(group: Group, h: Lanes) -> None:
             if not spec.located:
                 return law.memoryless(contact.stiffness, contact.c, contact.fastest, d, v)
             pressed = law.closed_force(contact.k_active, contact.c_active, d, v)
-            return where(s["stiff"] > 0.0, force_at_end(contact, d), pressed) if law.shape.yields else pressed
+            return where(s["stiff"] > 0.0, forces.force_at_end(contact, d), pressed) if law.shape.yields else pressed
 
         def update(contact: Contact, lanes: Truths) -> tuple[Lanes, Lanes]:
             unit, old = group.full(0.0), contact.force  # relative acceleration for a unit force
@@ -356,9 +337,9 @@ class Newmark(Scheme):
             before = u, v, a = [[s[name if flies else f"{name}0", i] for i in moving] for name in "uva"]
             every = range(len(u))
             x, y = [fma(pu, a[p], fma(h, v[p], u[p])) for p in every], [fma(pv, a[p], v[p]) for p in every]
-            push = Pushes(group, rows=False)
+            push = row.Pushes(group, rows=False)
             push.add_links(x, y)
-            loads = accelerations(group, part, x, y, group.ground.at(1.0), push.on(every), loads=True)
+            loads = row.accelerations(group, part, x, y, group.ground.at(1.0), push.on(every), loads=True)
             ends = _solve_row(group, part, be, gg, loads)
             after = [fma(be, ends[p], x[p]) for p in every], [fma(gg, ends[p], y[p]) for p in every], ends
             for name, old, new in zip("uva", before, after, strict=True):
@@ -388,14 +369,14 @@ class Newmark(Scheme):
     def balance(self, group: Group, lanes: Truths, end: float = 1.0) -> None:
         """Find the accelerations at the end of a step by the equation of motion; at its start (0.0) no contacts act."""
         s = group.state
-        put_accelerations(group, "alone", "u", "v", group.ground.at(end))
+        row.put_accelerations(group, "alone", "u", "v", group.ground.at(end))
         if end == 1.0 and group.spec.located and group.touching and not group.spec.impulsive:
 
             def force(contact: Contact) -> Lanes:
                 k, d, v = contact.k_active, contact.penetration(), contact.between("v")
                 return where(k == 0.0, 0.0, contact.law.pressing(k, contact.c_active, d, v))
 
-            add_forces(group, "alone", force)
+            row.add_forces(group, "alone", force)
         for i in group.indices(group.spec.n_moving):
             s.put(lanes, s["alone", i], "a", i)
 
@@ -404,20 +385,20 @@ class Newmark(Scheme):
         s, h = group.state, group.state["h"]
         waits = (s["time_left"] > 0.0) & ~(s["land"] > 0.0)
         s.put(waits, 0.0, "stiff")
-        closed = waits & is_closed(group)
+        closed = waits & forces.is_closed(group)
         with when_any(closed):
             hard = group.cell(False)
             for contact in group.iter_contacts():
                 law, lanes = contact.law, closed & (contact.mode > OPEN)
                 d, v = contact.penetration(), contact.between("v")
                 if law.shape.yields:
-                    set_plastic(contact, lanes & (contact.mode == REBOUND), d)
+                    forces.set_plastic(contact, lanes & (contact.mode == REBOUND), d)
                 # the clip and the phase are those of the end, which `closed_force` knows
                 contact.put(lanes, k_active=contact.k_law, c_active=contact.c_law)
                 if law.shape.yields:
-                    stick(contact, lanes)
+                    forces.stick(contact, lanes)
                 ahead = maximum(d + maximum(v, 0.0) * minimum(h, contact.duration), 0.0)
-                fastest = contact_rate(law, contact.k_active, contact.c_active, contact.reduced, ahead)
+                fastest = forces.contact_rate(law, contact.k_active, contact.c_active, contact.reduced, ahead)
                 hard.now |= lanes & (h * fastest > STIFF_RATE)
             stiff = hard.now
             s.put(stiff, 1.0, "stiff")
@@ -427,7 +408,7 @@ class Newmark(Scheme):
                 contact.put(slack | rebounds, c_active=0.0)
                 contact.put(slack, k_active=0.0)
                 if contact.law.shape.yields:
-                    slip(contact, rebounds, contact.penetration())
+                    forces.slip(contact, rebounds, contact.penetration())
             with when_any(stiff):
                 self.balance(group, stiff, end=0.0)
                 for i in group.indices(group.spec.n_moving):
@@ -454,14 +435,14 @@ class Newmark(Scheme):
             if law.shape.clips:
                 slack = (contact.c_law > 0.0) & (law.pressing(contact.k_law, contact.c_law, d, v) <= 0.0)
                 mode = where((d > 0.0) & slack, SLACK, mode)
-            pressing = mode == PRESSING
+            pressing = mode == forces.PRESSING
             contact.put(
                 closed,
                 k_active=where(pressing | (mode == REBOUND), contact.k_law, 0.0),
                 c_active=where(pressing, contact.c_law, 0.0),
             )
             if law.shape.yields:
-                mode = where(closed & pressing, settle_yielding(contact, closed & pressing, d, v), mode)
+                mode = where(closed & pressing, forces.settle_yielding(contact, closed & pressing, d, v), mode)
             contact.put(closed, mode=mode)
 
     def correct_landings(self, group: Group, lands: Truths) -> Truths:
