@@ -175,6 +175,9 @@ SCENES: dict[str, Callable[..., Scene]] = {
     "damping": lambda damping: pair(damping=damping),
     "yielding": yielding_pair,
     "smooth": lambda strength, n: yielding_pair(strength, 0.05, hysteresis={"law": "bouc_wen", "n": n}),
+    "degrading": lambda law, cap, falls: yielding_pair(
+        2.0, 0.05, hysteresis={"law": law, "cap_drift": cap, "post_cap": falls, "deterioration": {"strength": 0.2}}
+    ),
     "matrix": lambda alpha, damping: row(
         typical_building("left", 4, 0.4, 100.0, kind=alpha, modal_damping=damping), oscillator("right", 0.25, 100.0, 2)
     ),
@@ -484,7 +487,10 @@ def judge(run: Run, reference: Reference) -> pd.DataFrame:
     ``unknown``: ok, but without a reference; ``created``: energy by contacts over the largest of the balance;
     ``energy``: over what the ground can have brought in; ``faults``: demands that are not met.
     """
-    batch, numerics, values, status = run.batch, run.numerics, run.values, run.values["status"]
+    batch, numerics, values, status = run.batch, run.numerics, dict(run.values), run.values["status"]
+    if "residual_drift" in values:  # nothing rests where a storey falls
+        fell = (status == Status.COLLAPSED)[:, None, None]
+        values["residual_drift"] = np.where(fell, np.nan_to_num(values["residual_drift"]), values["residual_drift"])
     ok, has_values, has_reference = status == Status.OK, np.isin(status, WITH_VALUES), np.isfinite(reference.step)
     checked = [
         array[:, _exists(batch.scene, name, array.shape[1:])]
@@ -505,11 +511,12 @@ def judge(run: Run, reference: Reference) -> pd.DataFrame:
         sensitive[rows], unsettled[rows] = sensitive_rows(batch, reference, rows), unsettled_rows(run, rows)
     off = f"is ok at half the step too, but a peak is off by {{:.3g}} (claim {OK_CLAIM:g})"
     first = np.arange(len(batch)) == 0
+    implicit = numerics.scheme.implicit and not any(batch.scene.falls)  # a fall in too large a step is no result
     demands = (
         (has_values & ~finite, "has values that are not finite", share),
         (~has_values & ~empty, "has no result by its status, but finite values", share),
         (status == Status.NOT_RUN, "was not run", share),
-        ((status == Status.DIVERGED) & numerics.scheme.implicit, "diverged, though its contact is implicit", share),
+        ((status == Status.DIVERGED) & implicit, "diverged, though its contact is implicit", share),
         (ok & (created > CREATED_BOUND), "its contacts created energy: {:.3g} of the balance", created),
         (share > np.where(ok, *ENERGY_BOUNDS), "holds {:.4g} times the energy that can have come in", share),
         (missed & ~unsettled & ~sensitive, off, error),
