@@ -47,7 +47,7 @@ from pounding_sweep.lanes import (
 from pounding_sweep.model.storeys import DriftGauge, SignGauge, law_of
 
 #: Largest last term of a series beside its first ones, in both number formats.
-LEFT_OUT = {"float64": 1e-14, "float32": 1e-6}
+LEFT_OUT = {"float64": 5e-12, "float32": 1e-6}
 #: The same where storeys yield.
 LEFT_OUT_YIELDING = {"float64": 1e-11, "float32": 2e-7}
 #: Nodes of the quadrature of powers over a step, in both number formats.
@@ -315,7 +315,7 @@ def _kinds(spring: StoreySpring) -> list[list[Index]]:
 
 
 def _converge(group: Group) -> None:
-    """End the step where series of closed contacts leave out more than rounding, or floors that part come back."""
+    """End the step where series of contacts leave out more than their share, or floors that part come back."""
     # These may touch again and be gone by the end of a longer step, which its ends do not tell.
     s, order, share, back = group.state, group.spec.series, group.cell(1.0), group.cell(1.0)
     left_out = LEFT_OUT_YIELDING if group.spec.yielding else LEFT_OUT
@@ -323,7 +323,7 @@ def _converge(group: Group) -> None:
         depth = _depth(contact)
         large = maximum(maximum(size(depth.read(0)), size(depth.read(1))), size(depth.read(2)))
         most, last = left_out[group.spec.precision] * large, size(depth.read(order))
-        short = (contact.mode > OPEN) & (last > most)
+        short = last > most
         share.now = where(short, minimum(share.now, most / last), share.now)
         d, v, bend = (depth.read(k) for k in range(3))
         returns = (contact.mode == OPEN) & (v < 0.0) & (bend > 0.0) & (d + v + bend > 0.0)
@@ -610,31 +610,34 @@ def _take_contacts(group: Group) -> None:
     for contact in group.iter_contacts() if r & {"force", "penetration"} else ():
         closed, depth, force = (contact.mode > OPEN) & moves, _depth(contact), _force(contact)
         with when_any(closed):
-            # of the force itself, a spring's too: the same bits in the kernel of a damped law
-            for reducer, most, series in (("penetration", "dmax", depth), ("force", "fmax", force)):
-                if reducer in r:
-                    setattr(contact, most, maximum(getattr(contact, most), _largest(group, closed, series)))
+            if "penetration" in r:
+                ends = contact.penetration(), s["span"] * contact.between("v")
+                contact.dmax = _largest(group, closed, depth, ends, contact.dmax)
+            if "force" in r:  # of itself, a spring's too: the same bits in the kernel of a damped law
+                contact.fmax = _largest(group, closed, force, force.with_slope(s["fraction"]), contact.fmax)
 
 
-def _largest(group: Group, lanes: Truths, series: Series) -> Lanes:
-    """Return the largest value of a series in the step, in some lanes; 0 or more."""
-    t, r0 = group.state["fraction"], series.read(1)
-    x1, r1 = series.with_slope(t)
-    most = Cell(where(lanes, maximum(maximum(series.read(0), x1), 0.0), 0.0))
+def _largest(group: Group, lanes: Truths, series: Series, ends: tuple[Lanes, Lanes], so_far: Lanes) -> Lanes:
+    """Return the largest value of a series, given its value and slope at the end of the step; that `so_far` or more."""
+    t, x0, r0, (x1, r1) = group.state["fraction"], series.read(0), series.read(1), ends
+    most, third = Cell(where(lanes, maximum(so_far, maximum(x0, x1)), so_far)), (1.0 / 3.0) * t
+    reach = maximum(fma(third, r0, x0), fma(-third, r1, x1)) + series.bulge(t)
+    beyond = lanes & (reach > most.now)
 
     def take(turns: Truths, start: Lanes, end: Lanes) -> None:
         at = newton(group, turns, start, end, series.rate, -1.0)  # a force may turn soon after a touch
         most.now = maximum(most.now, where(turns, series.value(at), 0.0))
 
-    turns = lanes & (r0 > 0.0) & (r1 < 0.0)
+    turns = beyond & (r0 > 0.0) & (r1 < 0.0)
     with when_any(turns):
         take(turns, 0.0, t)
-    twice = lanes & _turns_twice(group, series)
-    with when_any(twice):
-        for start, end in _parts(group):
-            falls = twice & (series.rate.value(start) > 0.0) & (series.rate.value(end) < 0.0)
-            with when_any(falls):
-                take(falls, start, end)
+    with when_any(beyond):
+        twice = beyond & _turns_twice(group, series)
+        with when_any(twice):
+            for start, end in _parts(group):
+                falls = twice & (series.rate.value(start) > 0.0) & (series.rate.value(end) < 0.0)
+                with when_any(falls):
+                    take(falls, start, end)
     return most.now
 
 

@@ -75,9 +75,8 @@ CONTACT_CAP = 0.25
 #: The same of `exact`, whose stages are of fifth order.
 STAGED_CAP = 0.5
 
-#: The same of steps by series, and the order of these: what is left out of a step is of the size of rounding.
-SERIES_CAP = 1.2
-SERIES_ORDER = {"float64": 20, "float32": 12}
+#: The same of steps by series, and the order of these: with a higher one steps are longer, but each takes longer too.
+SERIES_CAP, SERIES_ORDER = 1.2, {"float64": 14, "float32": 10}
 #: The same where storeys yield: their events make steps short, and are told by the ends of a step.
 YIELDING_ORDER = 12
 
