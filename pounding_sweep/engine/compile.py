@@ -75,7 +75,7 @@ def run(frame):
     body(frame)
 '''
 #: CPU seconds that a kernel takes to compile, by what adds to them, where a plain function of ``benchmarks.compiling``
-#: takes 1.42 s. Fitted to what ``python -m benchmarks.compiling 3,3,3`` prints, which is 0.9 to 1.4 times as long.
+#: takes 1.42 s. Fitted to what ``python -m benchmarks.compiling 3,3,3`` prints, which is 0.6 to 1.2 times as long.
 COMPILING = {
     "any": 0.19,
     "contacts": 0.063,
