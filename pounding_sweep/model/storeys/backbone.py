@@ -8,7 +8,6 @@ shear with the sign of the direction in which the spring goes on, or from which 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
 from types import SimpleNamespace
 from typing import Annotated, Any
 
@@ -18,7 +17,7 @@ from pydantic import Discriminator, Tag
 from pounding_sweep.base.errors import SceneError
 from pounding_sweep.lanes import maximum, minimum, size, where
 from pounding_sweep.model.faults import Finite, GetPydanticSchema, Positive, checked, one_or_several
-from pounding_sweep.model.storeys.base import FAILED, DriftGauge, Numbers, Shares, StoreyLaw
+from pounding_sweep.model.storeys.base import FAILED, DriftGauge, Numbers, Shares, StoreyLaw, with_values
 
 #: Events: a drift turns, or a line ends to the positive or the negative side (1, -1).
 TURNED = 0.0
@@ -27,6 +26,8 @@ TURNED = 0.0
 UNLOADING, PINCHED, TO_LAST, TO_LARGEST, HARDENING, FALLING, FLAT = map(float, range(1, 8))
 #: Rows of each direction: factors left of its strength and of its post-cap line, the points left last and farthest.
 _LEFT = ("strength", "cap", "last", "last_force", "largest", "largest_force")
+#: Constants of each direction.
+_SIDE = ("soft_stiffness", "cap_line", "residual", "ultimate")
 #: Inverse reference drifts of deterioration (1/m).
 _RATES = ("strength_rate", "cap_rate", "unload_rate", "reload_rate")
 #: A drift (m) that no spring reaches.
@@ -135,17 +136,15 @@ class Backbone(Shares):
 
     def with_factors(self, capacity: float, deterioration: float) -> Backbone:
         """Return the same, with factors on the drifts at which strength is lost and on those of deterioration."""
-        changed = {name: _times(getattr(self, name), capacity) for name in ("cap_drift", "ultimate_drift")}
-        return replace(self, **changed, deterioration=_times(self.deterioration, deterioration))
+        factors = {"cap_drift": capacity, "ultimate_drift": capacity, "deterioration": deterioration}
 
+        def change(name: str, x: Any) -> Any:
+            factor = factors.get(name.split(".", maxsplit=1)[0])
+            if factor is None or x is None:
+                return x
+            return tuple(factor * value for value in x) if isinstance(x, tuple) else factor * x
 
-def _times(value: Any, factor: float) -> Any:
-    """Multiply numbers, in lists and tables too."""
-    if isinstance(value, (Directions, Deterioration)):
-        return replace(value, **{item.name: _times(getattr(value, item.name), factor) for item in fields(value)})
-    if isinstance(value, tuple):
-        return tuple(factor * x for x in value)
-    return None if value is None else factor * value
+        return with_values(self, change)
 
 
 class BackboneLaw(StoreyLaw):
@@ -154,11 +153,7 @@ class BackboneLaw(StoreyLaw):
     bounds_drifts, softens, can_fail = False, True, True
     constants = (
         *("own_stiffness", "own_weight", "yield_force", "hard_stiffness"),
-        *(
-            f"{name}_{side}"
-            for side in ("neg", "pos")
-            for name in ("soft_stiffness", "cap_line", "residual", "ultimate")
-        ),
+        *(f"{name}_{side}" for side in ("neg", "pos") for name in _SIDE),
         *_RATES,
     )
     rows = (
@@ -283,19 +278,18 @@ class BackboneLaw(StoreyLaw):
         gone = (rank == FLAT) & (p.residual <= 0.0) & (p.x >= p.cap_drift)
         failed = failed | (gone & ~turned) | (p.crosses & (p.largest_force <= 0.0))
         back = self._unload_to(p)
-        rank, slope = where(turned, UNLOADING, rank), where(turned, p.unload, slope)
-        offset = where(turned, p.f - p.unload * p.x, offset)
-        low, high = where(turned, back, low), where(turned, p.x, high)
+        unloads = UNLOADING, p.unload, p.f - p.unload * p.x, back, p.x
+        went = zip(unloads, (rank, slope, offset, low, high), strict=True)
+        rank, slope, offset, low, high = (where(turned, new, old) for new, old in went)
         low, high = maximum(low, -self._side(spring, ~p.up).ultimate), minimum(high, p.ultimate)
         low, high = where(p.up, low, -high), where(p.up, high, -low)
         for name in _LEFT:
             for mask, where_to in ((p.up, "pos"), (~p.up, "neg")):
                 spring.put(lanes & mask, **{f"{name}_{where_to}": getattr(p, name)})
-        fails = lanes & failed
         spring.put(lanes, phase=where(failed, FAILED, side * rank), unload=p.unload)
         spring.put(lanes, slope=where(failed, 0.0, slope), offset=where(failed, 0.0, side * offset))
         spring.put(lanes, branch_low=where(failed, -FAR, low), branch_high=where(failed, FAR, high))
-        spring.put(fails, strength_pos=0.0, strength_neg=0.0)
+        spring.put(lanes & failed, strength_pos=0.0, strength_neg=0.0)
         # what unloading gives back is another energy where its stiffness changes, and none where it fails
         now, work = where(failed, 0.0, p.f), 0.5 * (p.f * p.f / unload)
         d = spring.drift()
@@ -306,9 +300,10 @@ class BackboneLaw(StoreyLaw):
 
     def _side(self, spring: Any, up: Any) -> SimpleNamespace:
         """Return rows and constants of a direction."""
-        names = *_LEFT, "soft_stiffness", "cap_line", "residual", "ultimate"
-        rows = {name: where(up, *(getattr(spring, f"{name}_{side}") for side in ("pos", "neg"))) for name in names}
-        return SimpleNamespace(spring=spring, up=up, **rows)
+        values = {
+            name: where(up, getattr(spring, f"{name}_pos"), getattr(spring, f"{name}_neg")) for name in (*_LEFT, *_SIDE)
+        }
+        return SimpleNamespace(spring=spring, up=up, **values)
 
     def _deteriorate(self, p: Any) -> Any:
         """Let unloading soften at a turn, and the other modes as the shear changes its sign; where nothing is left."""

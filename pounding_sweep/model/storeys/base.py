@@ -39,26 +39,32 @@ class Shares:
         return self
 
 
+def with_values(parameters: Any, change: Callable[[str, Any], Any], within: str = "") -> Any:
+    """Return parameters in which each value is what `change` makes of its name and itself, in tables of them too."""
+    changed = {}
+    for item in (item for item in fields(parameters) if item.init):
+        name, value = f"{within}{item.name}", getattr(parameters, item.name)
+        new = with_values(value, change, f"{name}.") if is_dataclass(value) else change(name, value)
+        if new is not value:
+            changed[item.name] = new
+    return replace(parameters, **changed) if changed else parameters
+
+
 def of_storey(parameters: Any, storey: int) -> Any:
     """Return the parameters of one storey, counted from 0: of each list its value."""
-    values = {item.name: getattr(parameters, item.name) for item in fields(parameters) if item.init}
-    changed = {
-        name: x[storey] if isinstance(x, tuple) else of_storey(x, storey)
-        for name, x in values.items()
-        if isinstance(x, tuple) or is_dataclass(x)
-    }
-    return replace(parameters, **changed) if changed else parameters
+    return with_values(parameters, lambda _, x: x[storey] if isinstance(x, tuple) else x)
 
 
 def list_lengths(parameters: Any) -> dict[str, int]:
     """Return the lengths of the lists that parameters hold, by their names."""
     lengths: dict[str, int] = {}
-    for item in fields(parameters):
-        value = getattr(parameters, item.name)
-        if isinstance(value, tuple):
-            lengths[item.name] = len(value)
-        elif is_dataclass(value):
-            lengths |= {f"{item.name}.{name}": n for name, n in list_lengths(value).items()}
+
+    def note(name: str, x: Any) -> Any:
+        if isinstance(x, tuple):
+            lengths[name] = len(x)
+        return x
+
+    with_values(parameters, note)
     return lengths
 
 

@@ -55,11 +55,8 @@ class PeakOriented(BackboneLaw):
             (to_last, TO_LAST, k_last, p.last, p.last_force),
             (pinched, PINCHED, k_pinch, *at_pinch),
         ):
-            rank, slope, offset = (
-                where(lanes, phase, rank),
-                where(lanes, k, slope),
-                where(lanes, force - k * end, offset),
-            )
+            rank, slope = where(lanes, phase, rank), where(lanes, k, slope)
+            offset = where(lanes, force - k * end, offset)
             low, high = where(lanes, x - (end - x), low), where(lanes, end, high)
         return rank, slope, offset, low, high
 
