@@ -9,7 +9,7 @@ import pytest
 from against_reference import motion, simulate
 from hypothesis import given
 from hypothesis import strategies as st
-from kernels_used import LEANING_YIELDS, LINKED
+from kernels_used import LINKED
 from kinds import DASHED
 from test_links import exact, matrices
 
@@ -17,7 +17,6 @@ import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.model.variants import coupled_modes, variants_of
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.variables.registry import Status
 
 A, B = LINKED.buildings
 
@@ -114,17 +113,6 @@ def test_flight_without_pounding_is_the_exponential():
         for name, part in (("displacement", want[:, :4]), ("velocity", want[:, 4:])):
             mine = got[name].values[::every].reshape(len(want), -1)
             assert np.abs(mine - part).max() < 1e-12 * np.abs(part).max()
-
-
-@pytest.mark.slow
-def test_a_falling_storey_has_fallen_in_flight_too():
-    weak = replace(
-        LEANING_YIELDS, row=[replace(b, hardening=0.0, yield_strengths=[40.0, 30.0]) for b in LEANING_YIELDS.row]
-    )
-    for method in ("rk4", "exact"):
-        cube = ps.Sweep(weak, motion(501, 4.0), "none", method=method, dt=1e-3, outputs=["drift_max"], audit=0.0).run()
-        assert (cube.status == Status.DIVERGED).all()
-        assert np.isnan(cube.drift_max).all()
 
 
 def test_modes_that_a_number_format_can_not_hold_are_refused():

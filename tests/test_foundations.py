@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from kernels_used import FOUNDED
 from kinds import BOTH
-from reference import run
 from scenes import pair
 from scipy.linalg import block_diag, eig, eigh
 from test_links import exact, radius
@@ -183,16 +182,3 @@ def test_rules_of_gaps_take_periods_and_damping_of_the_whole(stub_engine):
         assert float(found.sel(building="a")) == pytest.approx(damped.modal_damping(0)[0, 0])
         assert float(found.sel(building="b")) == pytest.approx(ratio)
     assert uncoupled_runs(FOUNDED, motion(51), None)[1].attrs["method"] == "exact"
-
-
-@pytest.mark.slow
-def test_required_gaps_of_a_row_on_foundations():
-    outputs = ["displacement_max", "displacement_min", "closing_max"]
-    cube = ps.Sweep(FOUNDED, motion(151), "none", method="rk4", dt=1e-3, outputs=outputs).run()
-    gaps = ps.analysis.required_gap(cube)
-    one = run(buildings_of(FOUNDED), [0.003], motion(151).acceleration, motion(151).dt, "none")
-    closing = (one["displacement"][0] - one["displacement"][1]).max(axis=0)
-    assert (gaps.closing.values.ravel() >= 0.98 * closing).all()
-    other = ps.Sweep(FOUNDED, motion(151), "linear", gaps=[0.002], method="rk4", dt=1e-3).run()
-    again = ps.analysis.required_gap(other, records=motion(151))
-    np.testing.assert_allclose(again.closing.values.ravel(), gaps.closing.values.ravel(), rtol=1e-6)
