@@ -233,11 +233,7 @@ def test_names_on_a_terminal_of_ascii(monkeypatch):
 def test_plan_of_the_quickstart_runs_nothing(tmp_path):
     cache = tmp_path / "kernels"
     done = cli("plan", QUICKSTART, env={"POUNDING_SWEEP_CACHE": str(cache)}, cwd=tmp_path)
-    for part in (
-        "1008 asked, at most 649 to run",
-        "\nkernels    4, 4 to compile\n",
-        " (el_centro) per scenario",
-    ):
+    for part in ("1008 asked, at most 649 to run", "\nkernels    4, 4 to compile\n", " (el_centro) per scenario"):
         assert part in done.stdout
     assert re.search(
         r"^time +about .* to compile, then (about .*|under a second) to run, with \d+ workers?$",

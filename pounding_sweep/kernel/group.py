@@ -15,15 +15,7 @@ from typing import Any, NamedTuple
 from llvmlite import ir
 
 from pounding_sweep import lanes as lane_code
-from pounding_sweep.kernel.spec import (
-    TOLERANCES,
-    Code,
-    KernelSpec,
-    LawShape,
-    input_slots,
-    property_slots,
-    result_slots,
-)
+from pounding_sweep.kernel.spec import TOLERANCES, Code, KernelSpec, LawShape, input_slots, property_slots, result_slots
 from pounding_sweep.kernel.types import ByFloor, End, Index, Instant, Lanes, Truths
 from pounding_sweep.lanes import Cell, Lookup, Rows, count_to, fma, maximum, roughly_power, sqrt, where
 from pounding_sweep.model.formula import read, value
@@ -553,10 +545,7 @@ class Matrices:
     def entries(self, be: Lanes, ga: Lanes) -> Iterator[tuple[Index, Index, int, Lanes]]:
         """Go through what it adds to M + ga C + be K, as that of a `Spring`."""
         beta = self._group.prop("beta", self._b)
-        for name, factor, exists in (
-            ("dense_k", fma(ga, beta, be), self.is_plain),
-            ("dense_c", ga, self._has_damping),
-        ):
+        for name, factor, exists in (("dense_k", fma(ga, beta, be), self.is_plain), ("dense_c", ga, self._has_damping)):
             for n, p in enumerate(self._places) if exists else ():
                 for k, q in enumerate(self._places[n:], n):
                     yield p, q, 1, factor * self._entry(name, n, k)

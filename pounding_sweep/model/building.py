@@ -18,21 +18,8 @@ from pydantic import BeforeValidator, Field, ValidationInfo
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import InputError, Place, SceneError, repr_short
 from pounding_sweep.base.text import label_fault
-from pounding_sweep.model.faults import (
-    Faults,
-    Finite,
-    Flag,
-    Fraction,
-    Listed,
-    NotNegative,
-    Number,
-    Positive,
-    checked,
-    derived,
-    one_of,
-    one_or_several,
-    set_fields,
-)
+from pounding_sweep.model import faults as model_faults
+from pounding_sweep.model.faults import Fraction, NotNegative, Positive, checked, derived, one_or_several, set_fields
 from pounding_sweep.model.storeys import DEFAULT, STOREY_LAWS, Hysteresis, StoreyLaw, law_of, list_lengths, of_storey
 
 #: Storey height where none is given (m).
@@ -76,14 +63,14 @@ def _as_matrix(value: Any, info: ValidationInfo) -> Any:
 
 #: A name of a building or wall, values of storeys, and one value or several.
 Label = Annotated[str, BeforeValidator(_label)]
-Positives = Annotated[Sequence[Positive], Listed]
+Positives = Annotated[Sequence[Positive], model_faults.Listed]
 #: Values of storeys, or one number for all of them.
 OfStoreys = Annotated[Sequence[float], one_or_several(Positive, Sequence[Positive])]
 OfStoreysOrZero = Annotated[Sequence[float], one_or_several(NotNegative, Sequence[NotNegative])]
 #: A square matrix, by rows.
-Matrix = Annotated[Sequence[Sequence[Finite]], BeforeValidator(_as_matrix)]
+Matrix = Annotated[Sequence[Sequence[model_faults.Finite]], BeforeValidator(_as_matrix)]
 #: Strengths of storeys, infinite (null in JSON) where they never yield.
-_Strength = Annotated[Number, Field(gt=0.0)]
+_Strength = Annotated[model_faults.Number, Field(gt=0.0)]
 _Strengths = Sequence[Annotated[_Strength, BeforeValidator(lambda value: math.inf if value is None else value)]]
 Strengths = Annotated[Sequence[float], one_or_several(_Strength, _Strengths)]
 
@@ -261,17 +248,17 @@ class Building:
     storey_heights: OfStoreys | None = None
     yield_strengths: Strengths | None = None
     hardening: Annotated[float | Sequence[float], one_or_several(Fraction, Sequence[Fraction])] = 0.0
-    damping_stiffness: Annotated[str, one_of("damping_stiffness", DAMPING_STIFFNESSES)] = "initial"
+    damping_stiffness: Annotated[str, model_faults.one_of("damping_stiffness", DAMPING_STIFFNESSES)] = "initial"
     slab_depths: OfStoreysOrZero | None = field(default=None, kw_only=True)
     column_stiffnesses: OfStoreys | None = field(default=None, kw_only=True)
-    p_delta: Flag = field(default=False, kw_only=True)
+    p_delta: model_faults.Flag = field(default=False, kw_only=True)
     hysteresis: Annotated[Any, one_or_several(Hysteresis, Sequence[Hysteresis])] | None = field(
         default=None, kw_only=True
     )
     infill: Infill | None = field(default=None, kw_only=True)
     dashpots: OfStoreysOrZero | None = field(default=None, kw_only=True)
     foundation: Foundation | None = field(default=None, kw_only=True)
-    base_elevation: Finite = field(default=0.0, kw_only=True)
+    base_elevation: model_faults.Finite = field(default=0.0, kw_only=True)
     stiffness_matrix: Matrix | None = field(default=None, kw_only=True)
     modal_damping: OfStoreysOrZero | None = field(default=None, kw_only=True)
     damping_matrix: Matrix | None = field(default=None, kw_only=True)
@@ -319,7 +306,7 @@ class Building:
         )
         set_fields(self, elevations=np.cumsum(self.storey_heights or ()))
         set_fields(self, levels=self.base_elevation + self.elevations)
-        with Faults() as faults:
+        with model_faults.Faults() as faults:
             self._check_parts(faults.add)
             if not faults.entries:
                 self._scale_to_period()

@@ -17,22 +17,9 @@ from pydantic import BeforeValidator, Discriminator, Field, GetPydanticSchema, T
 
 from pounding_sweep.base.errors import InputError, SceneError, unknown
 from pounding_sweep.base.text import html_table
+from pounding_sweep.model import faults as model_faults
 from pounding_sweep.model.building import Building, Label, OfStoreysOrZero
-from pounding_sweep.model.faults import (
-    Faults,
-    Flag,
-    Integer,
-    Listed,
-    NotNegative,
-    Number,
-    Positive,
-    as_mapping,
-    checked,
-    derived,
-    one_or_several,
-    optional,
-    set_fields,
-)
+from pounding_sweep.model.faults import Integer, Listed, NotNegative, Positive, as_mapping, checked, derived, set_fields
 from pounding_sweep.model.laws import LAWS, RUBBER, Law, find_law, names_file, rubber_bumper
 from pounding_sweep.model.meeting import (
     CONTACTS,
@@ -61,7 +48,8 @@ class Wall:
     """
 
     name: Label = "wall"
-    wall: Flag = field(default=True, kw_only=True, repr=False)  # what tells its table from that of a building
+    #: what tells its table from that of a building
+    wall: model_faults.Flag = field(default=True, kw_only=True, repr=False)
 
 
 @checked
@@ -86,7 +74,7 @@ class ContactProperties:
 
     linear_stiffness: Positive | None = None
     hertz_stiffness: Positive | None = None
-    restitution: Annotated[Number, Field(ge=0.0, le=1.0)] | None = None
+    restitution: Annotated[model_faults.Number, Field(ge=0.0, le=1.0)] | None = None
     FILE_KEYS: ClassVar = ("hertz",)  # a sweep file's reader replaces it
 
     def reference(self, exponent: float) -> float | None:
@@ -95,7 +83,7 @@ class ContactProperties:
 
 
 #: A storey of both neighbours, or one of each.
-_FLOORS = one_or_several(Integer, tuple[Integer, Integer])
+_FLOORS = model_faults.one_or_several(Integer, tuple[Integer, Integer])
 
 
 @checked
@@ -129,11 +117,7 @@ class Link:
     """
 
     pair: str
-    storeys: Annotated[
-        Sequence[Annotated[int | Sequence[int], _FLOORS]],
-        Listed,
-        Field(min_length=1),
-    ]
+    storeys: Annotated[Sequence[Annotated[int | Sequence[int], _FLOORS]], Listed, Field(min_length=1)]
     stiffness: NotNegative = 0.0
     damping: NotNegative = 0.0
 
@@ -217,9 +201,9 @@ class Bumper:
 
     pair: str
     law: Annotated[Any, BeforeValidator(_read_law)]
-    stiffness: Annotated[float, optional(Positive)] = None  # type: ignore[assignment]
-    restitution: Number | None = None
-    thickness: Annotated[float, optional(NotNegative)] = None  # type: ignore[assignment]
+    stiffness: Annotated[float, model_faults.optional(Positive)] = None  # type: ignore[assignment]
+    restitution: model_faults.Number | None = None
+    thickness: Annotated[float, model_faults.optional(NotNegative)] = None  # type: ignore[assignment]
     storeys: Annotated[Sequence[Integer], Listed] = ()
 
     def __post_init__(self) -> None:
@@ -364,7 +348,7 @@ class Scene:
     tolerance: NotNegative = field(default=FLOOR_TOLERANCE, kw_only=True)
     contacts: Any = field(default=CONTACTS[0], kw_only=True, repr=False)
     storeys: Annotated[Any, GetPydanticSchema(lambda _, handler: handler(_Limits))] = field(default=(), kw_only=True)
-    allow_unmet: Flag = field(default=False, kw_only=True)
+    allow_unmet: model_faults.Flag = field(default=False, kw_only=True)
     links: Annotated[Sequence[Link], Listed] = field(default=(), kw_only=True)
     bumpers: Annotated[Sequence[Bumper], Listed] = field(default=(), kw_only=True)
     restrainers: Annotated[Sequence[Restrainer], Listed] = field(default=(), kw_only=True)
@@ -433,7 +417,7 @@ class Scene:
             )
         self._check_meetings()
         bumper_of: list[Bumper | None] = [contact.restrainer for contact in self.contacts]
-        with Faults() as faults:
+        with model_faults.Faults() as faults:
             place = partial(self._place_bumper, bumper_of)
             for name, check in (("links", self._check_link), ("bumpers", place), ("restrainers", lambda _: None)):
                 for index, item in enumerate(getattr(self, name)):

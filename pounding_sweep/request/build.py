@@ -26,21 +26,19 @@ from pounding_sweep.base import errors
 from pounding_sweep.base.errors import InputError, Place, SweepError, repr_short, unknown
 from pounding_sweep.base.files import expanded
 from pounding_sweep.base.text import LONGEST_TITLE, comma_hint, label_fault
+from pounding_sweep.model import faults as model_faults
 from pounding_sweep.model.building import Building
 from pounding_sweep.model.faults import (
     Faults,
     Flag,
     Number,
     Table,
-    as_mapping,
     called,
-    is_number,
     key,
     listed,
     number,
     one_of,
     spell,
-    unknown_key,
     valid_part,
 )
 from pounding_sweep.model.frames import typical
@@ -135,7 +133,7 @@ class _Settings(Table):
 
 
 #: Values by name of the building or pair; a `Case` has them as pairs.
-_FACTORS = Annotated[dict[str, Any], BeforeValidator(as_mapping)]
+_FACTORS = Annotated[dict[str, Any], BeforeValidator(model_faults.as_mapping)]
 _BY_NAME: dict[str, Any] = {}
 for _by, _kinds in NAMED_KINDS.items():
     _table = key(f"tables {_by}.NAME of {', '.join(_kinds.values())}", None)
@@ -361,7 +359,7 @@ class _Reader:
             return value if isinstance(value, Range) else TypeAdapter(Range).validate_python(value)
         if hasattr(value, "__array__"):
             value = np.asarray(value).tolist()
-        if is_number(value):
+        if model_faults.is_number(value):
             value = [value]
         if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
             raise InputError(f"must be a number or a list of numbers ({axis.noun}), not {repr_short(value)}")
@@ -388,7 +386,7 @@ class _Reader:
                         values[argument, name] = (*at, by, name, kind), table[kind]
             for name, table in (tables.get(by) or {}).items():
                 for kind in table.keys() - {*kinds.values()}:
-                    faults.add((*at, by, name, kind), unknown_key(kind, kinds.values()))
+                    faults.add((*at, by, name, kind), model_faults.unknown_key(kind, kinds.values()))
             names = names_by(self.scene, by) if self.scene else []
             for (argument, name), (place, _) in values.items():
                 if self.scene is not None and name not in names:
@@ -689,11 +687,7 @@ def _named(
 
 
 #: Kinds of record tables, by the key that tells them, with what makes the record.
-RECORD_TABLES: dict[str, Callable[..., Record]] = {
-    "path": read_record,
-    "record": _named,
-    **MAKERS,
-}
+RECORD_TABLES: dict[str, Callable[..., Record]] = {"path": read_record, "record": _named, **MAKERS}
 #: Keys of records that exist: the spectral acceleration that they are scaled to, and its period.
 SPECTRAL = ("sa", "sa_period")
 
