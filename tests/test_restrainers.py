@@ -83,8 +83,8 @@ def test_all_schemes_beside_scipy(method, gap, slack, closing_slack):
     stretch = one["impact_force_max"].sel(pair="a-b in tension") / LINK
     np.testing.assert_allclose(one["penetration_max"].sel(pair="a-b in tension"), stretch, rtol=1e-6)
     force = one["contact_force"].sel(pair="a-b in tension").squeeze("storey")
-    apart = (one["displacement"].sel(building="b") - one["displacement"].sel(building="a")).squeeze("storey")
-    np.testing.assert_allclose(force, LINK * np.maximum(apart - slack, 0.0), atol=1e-6 * float(force.max()))
+    tension = (one["displacement"].sel(building="b") - one["displacement"].sel(building="a")).squeeze("storey")
+    np.testing.assert_allclose(force, LINK * np.maximum(tension - slack, 0.0), atol=1e-6 * float(force.max()))
 
 
 @pytest.mark.slow
@@ -189,7 +189,7 @@ def test_storeys_may_differ():
     link = ps.Restrainer("a-b", stiffness=1.0, storeys=[1, (3, 2)])
     row = ps.Scene([left, right], 0.1, restrainers=[link])
     held = [contact for contact in row.contacts if contact.restrainer]
-    assert [(contact.storey, contact.left, contact.right, contact.apart) for contact in held] == [
+    assert [(contact.storey, contact.left, contact.right, contact.tension) for contact in held] == [
         (1, 0, 3, True), (3, 2, 4, True)
     ]  # fmt: skip
     assert held[1].ends == ((2, -1.0), (4, 1.0))

@@ -15,7 +15,7 @@ from scipy.signal import lsim
 
 import pounding_sweep as ps
 from pounding_sweep.analysis import floor_spectra, response_spectrum
-from pounding_sweep.analysis.spectra import ORDINATES, USUAL_PERIODS
+from pounding_sweep.analysis.spectra import DEFAULT_PERIODS, ORDINATES
 from pounding_sweep.base.errors import InputError, RecordError
 from pounding_sweep.engine.spectrum import MOST_STEPS, STEPS_PER_PERIOD
 
@@ -166,7 +166,7 @@ def test_spectra_are_labelled_with_units():
     assert one["record"].item() == "sine"
     for name in ORDINATES:
         assert np.array_equal(found[name].sel(record="sine", damping_ratio=0.02), one[name])
-    assert response_spectrum(EL_CENTRO)["period"].values.tolist() == USUAL_PERIODS.tolist()
+    assert response_spectrum(EL_CENTRO)["period"].values.tolist() == DEFAULT_PERIODS.tolist()
 
 
 @pytest.mark.parametrize(

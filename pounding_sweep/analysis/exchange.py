@@ -15,7 +15,7 @@ import xarray as xr
 
 from pounding_sweep.analysis.comparisons import MOTION_DIMS, get_event
 from pounding_sweep.analysis.comparisons.fragility import equal_axes, fragility, sentence
-from pounding_sweep.analysis.rebuild import intensity_of, own_intensity, periods_of
+from pounding_sweep.analysis.rebuild import intensity_axis, intensity_of, periods_of
 from pounding_sweep.analysis.scenarios import OTHER_DIMS, fell, law_keys, need_variables, scenario_dims, trusted
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import InputError, OutputError, check_choice
@@ -89,7 +89,7 @@ def export_nrml(
     if others:
         raise InputError("limit states are of pairs or of buildings in a file, and these are of both; write two files")
     target = check_output(path, overwrite, netcdf=False)
-    intensity = intensity or own_intensity(cube)
+    intensity = intensity or intensity_axis(cube)
     periods = list(periods_of(cube, intensity).values())
     if len(periods) > 1:
         raise InputError(

@@ -60,7 +60,7 @@ class Hazard:
         Whether the powers beyond the ends are meant, as of a power law, and not prolonged.
     measure : str
         The intensity by its name: "pga", "pgv", "sa", "sa(PERIOD)"; "" where it is not said.
-    own_unit : tuple of str and float
+    stated_unit : tuple of str and float
         The unit that it was given in, such as "g", and its size in `units`: answers are in it.
 
     Examples
@@ -76,7 +76,7 @@ class Hazard:
     units: str = ""
     everywhere: bool = False
     measure: str = ""
-    own_unit: tuple[str, float] = ("", 1.0)
+    stated_unit: tuple[str, float] = ("", 1.0)
 
     def __post_init__(self) -> None:
         if np.shape(self.intensity) != np.shape(self.rate) or np.size(self.rate) < 2:
@@ -286,7 +286,7 @@ def hazard_of(curve: FilePath | Hazard, units: str | None = None) -> Hazard:
     if units is None:
         return site
     factor, metric = _unit(units, "hazard", "")
-    return replace(site, intensity=tuple(factor * x for x in site.intensity), units=metric, own_unit=(units, factor))
+    return replace(site, intensity=tuple(factor * x for x in site.intensity), units=metric, stated_unit=(units, factor))
 
 
 def _unit(text: str, place: str, heading: str) -> tuple[float, str]:

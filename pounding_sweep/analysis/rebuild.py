@@ -18,7 +18,7 @@ import xarray as xr
 
 from pounding_sweep.analysis import scenarios
 from pounding_sweep.analysis.scenarios import NO_POUNDING, described, of_law, uncoupled_cases, without_pounding
-from pounding_sweep.analysis.spectra import USUAL_DAMPING, response_spectrum
+from pounding_sweep.analysis.spectra import DEFAULT_DAMPING, response_spectrum
 from pounding_sweep.base.errors import InputError, RecordError, check_choice
 from pounding_sweep.model.meeting import CONTACTS
 from pounding_sweep.model.scene import Scene
@@ -182,7 +182,7 @@ def _run(scene: Scene, records: Iterable[Record], **axes: Any) -> tuple[Scene, x
 
 
 _SPECTRAL = re.compile(r"sa(?:\((.+)\))?")
-_SPECTRAL_NAME = f"spectral acceleration, {USUAL_DAMPING:.0%} damping,"
+_SPECTRAL_NAME = f"spectral acceleration, {DEFAULT_DAMPING:.0%} damping,"
 #: What an intensity may be called.
 NAMES = "pga, pgv, sa(PERIOD in s), sa(BUILDING) at its first period, sa: geometric mean at those of all buildings"
 
@@ -197,7 +197,7 @@ def intensity_of(
     """
     if "record" not in cube.coords:
         raise InputError("the intensity of the ground motion needs the record of each scenario (coordinate 'record')")
-    scaled_to = own_intensity(cube)
+    scaled_to = intensity_axis(cube)
     intensity = scaled_to if intensity is None else intensity
     record = cube["record"]
     if isinstance(intensity, xr.DataArray):
@@ -257,7 +257,7 @@ def with_intensities(cube: xr.Dataset, names: Iterable[str], *, records: Any = N
     return cube
 
 
-def own_intensity(cube: xr.Dataset) -> str:
+def intensity_axis(cube: xr.Dataset) -> str:
     """Return what the records of a cube are scaled to: a spectral acceleration, else "pga"."""
     scaled = "sa" in cube.coords and bool(cube["sa"].notnull().all())
     return f"sa({cube.attrs['sa_period']:g})" if scaled else "pga"

@@ -23,9 +23,9 @@ Array = npt.NDArray[np.float64]
 Numbers = float | Sequence[float] | Array
 
 #: Damping ratio of spectra, as in codes and in most of the literature.
-USUAL_DAMPING = 0.05
+DEFAULT_DAMPING = 0.05
 #: Periods (s) of spectra where none are asked for.
-USUAL_PERIODS = np.concatenate([[0.0], np.geomspace(0.02, 10.0, 200)])
+DEFAULT_PERIODS = np.concatenate([[0.0], np.geomspace(0.02, 10.0, 200)])
 #: Relative unevenness of a time axis that is put down to rounding.
 _UNEVEN = 1e-6
 
@@ -41,7 +41,7 @@ ORDINATES: dict[str, tuple[str, str]] = {
 def response_spectrum(
     motion: Record | tuple[npt.ArrayLike, float] | Sequence[Record],
     periods: Numbers | None = None,
-    damping_ratio: Numbers = USUAL_DAMPING,
+    damping_ratio: Numbers = DEFAULT_DAMPING,
     rest: float | str = "auto",
 ) -> xr.Dataset:
     """Compute the elastic response spectrum of a ground motion.
@@ -51,7 +51,7 @@ def response_spectrum(
     motion : Record, (acceleration, dt), or several Records
         Ground acceleration (m/s2) and its time step (s).
     periods : float or several, optional
-        Natural periods (s), at least 0; by default `USUAL_PERIODS`.
+        Natural periods (s), at least 0; by default `DEFAULT_PERIODS`.
     damping_ratio : float or several
         Damping ratios in [0, 1).
     rest : "auto" or float
@@ -100,7 +100,7 @@ def response_spectrum(
 
 
 def floor_spectra(
-    histories: xr.Dataset, periods: Numbers | None = None, damping_ratio: Numbers = USUAL_DAMPING
+    histories: xr.Dataset, periods: Numbers | None = None, damping_ratio: Numbers = DEFAULT_DAMPING
 ) -> xr.Dataset:
     """Compute the response spectra of floors: of their total acceleration, impacts included.
 
@@ -167,7 +167,7 @@ def _spectra(
 ) -> xr.Dataset:
     """Return spectra of signals (m/s2) and their time steps, which are labelled as the values of an array."""
     # a damping ratio that was asked for as a number is a scalar coordinate
-    at = numbers_in("[0, inf)", USUAL_PERIODS if periods is None else periods, "periods of the spectrum (s)")
+    at = numbers_in("[0, inf)", DEFAULT_PERIODS if periods is None else periods, "periods of the spectrum (s)")
     ratios = numbers_in("[0, 1)", damping_ratio, "damping ratios of the spectrum")
     moving = at > 0.0
     frequency = 2.0 * math.pi / at[moving]

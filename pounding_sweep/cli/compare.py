@@ -184,8 +184,8 @@ def _compare(
     settings = {name: value for name, value in arguments.items() if name in comparison.arguments}
     settings |= {} if what or options.out else comparison.summary
     if "over" in comparison.arguments and what:
-        apart = {"law", *MOTION_DIMS} - {*over, "" if options.intensity else "record"}
-        settings["over"] = [dim for dim in scenario_dims(selection) if dim not in apart]
+        split = {"law", *MOTION_DIMS} - {*over, "" if options.intensity else "record"}
+        settings["over"] = [dim for dim in scenario_dims(selection) if dim not in split]
     try:
         result = compared(cube, comparison, at, **settings)
     except InputError as error:
@@ -256,15 +256,15 @@ def _print(report: dict[str, dict[str, Any]], cube: Path, *, summary: bool) -> N
             print(file)
 
 
-def _print_rows(rows: list[Row], apart: bool = False) -> None:
+def _print_rows(rows: list[Row], split: bool = False) -> None:
     """Print a table, and above it what is the same in all rows; variables `apart` if it is wider than the terminal."""
-    same, headings, numeric = split_constant(rows, numbers=apart)
+    same, headings, numeric = split_constant(rows, numbers=split)
     cells = [[_cell(row.get(name)) for name in headings] for row in rows]
     width = sum(max(map(len, column)) + 2 for column in zip(headings, *cells, strict=True)) - 2
-    if width > terminal_width() and not apart:
+    if width > terminal_width() and not split:
         for number, (_, group) in enumerate(itertools.groupby(rows, lambda row: row.get("variable"))):
             print("\n" * bool(number), end="")
-            _print_rows(list(group), apart=True)
+            _print_rows(list(group), split=True)
         return
     notes = [f"{name}: {_cell(value)}" for name, value in same.items() if value not in (None, "-")]
     if notes:

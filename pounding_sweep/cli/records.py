@@ -101,8 +101,8 @@ def print_read(rows: list[dict[str, Any]], missing: list[str], files: list[tuple
     """Print what folders and patterns gave, and what was read of each record of a sweep; of very many the first."""
     lines, listed = list(files), 0
     for _, group in itertools.groupby(rows, lambda row: (row["group"], row["read"])):
-        alike = list(group)
-        for part in [alike] if len(alike) >= _ALIKE else [[row] for row in alike]:
+        rows_of_kind = list(group)
+        for part in [rows_of_kind] if len(rows_of_kind) >= _ALIKE else [[row] for row in rows_of_kind]:
             if len(lines) - len(files) < _LISTED:
                 lines.append(_line(part))
                 listed += len(part)

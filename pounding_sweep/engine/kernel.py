@@ -81,10 +81,10 @@ def state_size(spec: KernelSpec) -> tuple[int, int]:
     """Numbers of the memory that the kernel's state takes, and how many of its rows a step leaves to the next."""
     lanes = width(spec.precision)
     group = make_group(spec, None, lanes, None)
-    return group.state.size * lanes + (_own_size(group) if spec.flies_exactly else 0), group.n_persistent_rows
+    return group.state.size * lanes + (_table_size(group) if spec.flies_exactly else 0), group.n_persistent_rows
 
 
-def _own_size(group: Group) -> int:
+def _table_size(group: Group) -> int:
     """Numbers of flight's own rows."""
     layout = Layout(group)
     return sum(layout.scratch.values()) * layout.lanes
@@ -156,7 +156,7 @@ def _run(
         run_scenarios(group, ground, turns.serve, turns.course, note)
         return
     if trace is not None:  # flight's own rows come before those of the state
-        group.state.table.pointer = trace.builder.gep(values["state"], [_I64(_own_size(group))], inbounds=True)
+        group.state.table.pointer = trace.builder.gep(values["state"], [_I64(_table_size(group))], inbounds=True)
     if fly is not None and not spec.only_flight:
         run_scenarios(group, ground, fly, Course(group, ledger.cell), note)
         return
@@ -171,9 +171,9 @@ def _run_groups(group: Group, ground: Ground, values: dict[str, Any], groups: An
     """Take one lane group after another over the record."""
     spec, trace, lanes, state = group.spec, group.trace, group.lanes, group.state
     parts = LANES // lanes
-    for each in count_to(groups * parts):
-        row = each // parts
-        part = each - row * parts
+    for item in count_to(groups * parts):
+        row = item // parts
+        part = item - row * parts
         for i in count_to(state.size * lanes):
             state.table.put_number(i, 0.0)
         inputs, results = (

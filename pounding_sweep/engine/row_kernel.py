@@ -100,7 +100,7 @@ def kernel_shape(
         wanted |= {"collapse"}
     meets = touching or any(REDUCERS[name].where == "neighbours" for name in wanted)
     contacts = scene.contacts if meets else ()
-    meeting = [(*((c.right, c.left) if c.apart else (c.left, c.right)), c.pair) for c in contacts]
+    meeting = [(*((c.right, c.left) if c.tension else (c.left, c.right)), c.pair) for c in contacts]
     of_contacts = [_compiled(bumper.law) if bumper and touching else None for bumper in scene.bumper_of]
     bumpers = tuple(dict.fromkeys(filter(None, of_contacts)))
     return KernelSpec(

@@ -39,9 +39,9 @@ def fail(spring: StoreySpring, lanes: Truths, h: Lanes) -> None:
             spring.put(lanes, failure_time=spring.group.clock(h))
         return
     springs = spring.storey.springs() if spring.group.spec.shares_storeys else [spring]
-    own = [each for each in springs if not each.is_infill]
-    if all(each.law.can_fail for each in own):
-        fall(spring, reduce(and_, [each.phase == FAILED for each in own], lanes), h)
+    frame = [part for part in springs if not part.is_infill]
+    if all(part.law.can_fail for part in frame):
+        fall(spring, reduce(and_, [part.phase == FAILED for part in frame], lanes), h)
 
 
 def fall(spring: StoreySpring, lanes: Truths, h: Lanes) -> None:

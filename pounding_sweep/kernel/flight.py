@@ -359,19 +359,19 @@ class Flight:
         width = self.layout.timed.get(name, 0)
         return self.vector(name, t * width + part * self.lanes if width else part * self.lanes)
 
-    def _known(self, t: Index) -> Index:
+    def _table_point(self, t: Index) -> Index:
         """Point of the tables that stands for t: the last one in the rest after the ground's motion."""
         return lesser(t, self.points - 1)
 
     def _still(self, name: str, t: Index, part: Index) -> Lanes:
         """Modes, or their rates, of the motion without pounding at point t, of tables of a unit scale."""
         if self.blocks is None:
-            return self.part(name, part, self._known(t))
-        return self.rows[f"point_{name}", self._known(t) - self.blocks.start + part * SPAN]
+            return self.part(name, part, self._table_point(t))
+        return self.rows[f"point_{name}", self._table_point(t) - self.blocks.start + part * SPAN]
 
     def _free(self, name: str, m: Index, t: Index) -> Lanes:
         """Return a mode, its rate times the step, or the ground, without pounding, at successive points from t on."""
-        scale, t = self.scale.now, self._known(t)
+        scale, t = self.scale.now, self._table_point(t)
         if self.blocks is None:
             free = self.vector(name, m * (self.points + self.lanes) + t)
         else:
@@ -471,7 +471,7 @@ class Flight:
         for b, floors in enumerate(group.spec.floors) if self.coupled else group.iter_buildings():
             stored, gained = lane_of(kinetic(group, b, floors) + strain(group, b, floors), lane), constant(0.0)
             for m in () if self.coupled else floors:
-                q, p, at = w.number("q", m), w.number("p", m), self._known(t) * m_wide + m
+                q, p, at = w.number("q", m), w.number("p", m), self._table_point(t) * m_wide + m
                 more = self.number("adjoint_q", at) * q + self.number("adjoint_p", at) * p
                 gained = gained + self.scale.now * (more - self.scale.now * self.number("input", at))
             if not self.coupled:
@@ -814,7 +814,7 @@ class Flight:
 
     def _extremes(self, t: Index, most: str, least: str) -> list[tuple[Lanes, Lanes]]:
         """Extremes at point t of the motion without pounding, of tables of a unit scale, part by part."""
-        scale, extremes, t = self.scale.now, [], self._known(t)
+        scale, extremes, t = self.scale.now, [], self._table_point(t)
         for part in self.watched_parts:
             above, below = self.part(most, part, t), self.part(least, part, t)
             up = scale >= 0.0

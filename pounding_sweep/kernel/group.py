@@ -301,7 +301,7 @@ class Group:
     def iter_springs(self, straight: bool = True) -> Iterator[StoreySpring]:
         """Go through the springs that follow storey laws, in a short row at run time if not `straight`."""
         straight = straight or bool(self.spec.flowing) or self.spec.shares_storeys
-        for code, numbers in self.spec.alike_springs.items():
+        for code, numbers in self.spec.springs_by_code.items():
             for storey in self.iter_storeys(list(numbers), straight):
                 yield StoreySpring(storey, code)
 
@@ -312,17 +312,17 @@ class Group:
     def part(self, *buildings: tuple[Index, list[Index]]) -> Part:
         """Return what is worked out at once: some buildings, each with its floors."""
         spec, dofs, places = self.spec, list[Index](), dict[int, int]()
-        known = [b if isinstance(b, int) else spec.storeys.index(len(floors)) for b, floors in buildings]
-        for like, (_, floors) in zip(known, buildings, strict=True):
+        models = [b if isinstance(b, int) else spec.storeys.index(len(floors)) for b, floors in buildings]
+        for like, (_, floors) in zip(models, buildings, strict=True):
             places |= {i: len(dofs) + s for s, i in enumerate(spec.floors[like])}
             dofs += floors
-        for like in known:
+        for like in models:
             places |= {i: len(dofs) + k for k, i in enumerate(spec.base(like) or ())}
             dofs += spec.base(like) or ()
         blocks = []
-        for like, (b, floors) in zip(known, buildings, strict=True):
-            here = [places[i] for i in (*spec.floors[like], *(spec.base(like) or ()))]
-            blocks.append(Block(b, here, len(here) == len(floors), self._elements(like, b, floors, places)))
+        for like, (b, floors) in zip(models, buildings, strict=True):
+            numbers = [places[i] for i in (*spec.floors[like], *(spec.base(like) or ()))]
+            blocks.append(Block(b, numbers, len(numbers) == len(floors), self._elements(like, b, floors, places)))
         return Part(dofs, blocks)
 
     def iter_parts(self, as_row: bool = False) -> Iterator[Part]:
@@ -659,7 +659,7 @@ class Storey(Spring):
         if isinstance(i, int):
             return reduce(add, [spring.law.stored(spring, drift) for spring in self.springs()])
         total = elastic  # of a storey that is known at run time
-        for code, numbers in self.group.spec.alike_springs.items():
+        for code, numbers in self.group.spec.springs_by_code.items():
             has = Lookup([int(floor in numbers) for floor in range(self.group.spec.n_dof)])[i] > 0
             spring = StoreySpring(self, code)
             total = where(has, spring.law.stored(spring, drift), total)
@@ -667,8 +667,8 @@ class Storey(Spring):
 
     def springs(self) -> list[StoreySpring]:
         """Return those of its springs that follow storey laws, its index being known."""
-        alike = self.group.spec.alike_springs.items()
-        return [StoreySpring(self, code) for code, numbers in alike if self.index in numbers]
+        by_code = self.group.spec.springs_by_code.items()
+        return [StoreySpring(self, code) for code, numbers in by_code if self.index in numbers]
 
 
 class StoreySpring(_InRows, Elastic):
@@ -677,7 +677,7 @@ class StoreySpring(_InRows, Elastic):
     def __init__(self, storey: Storey, code: Code) -> None:
         spec, i = storey.group.spec, storey.index
         name, compiled, _, is_infill = code
-        numbers = spec.alike_springs[code]
+        numbers = spec.springs_by_code[code]
         if isinstance(i, int):
             number: Index = numbers[i]
         elif all(e == floor for floor, e in numbers.items()):

@@ -309,7 +309,7 @@ class KernelSpec:
         return (*dict.fromkeys(name for law in self.storey_laws for name in getattr(law, kind)), *shares)
 
     @cached_property
-    def alike_springs(self) -> dict[Code, dict[int, int]]:
+    def springs_by_code(self) -> dict[Code, dict[int, int]]:
         """Numbers of springs by the degrees of freedom above them, of those whose code is one."""
         result: dict[Code, dict[int, int]] = {}
         for e, (floor, name, compiled) in enumerate(self.hysteretic):

@@ -425,9 +425,9 @@ class Building:
                 fault((name,), f"is {sizes} for {n} masses; it has a row and a column for each floor, bottom first")
                 continue
             matrix = np.array(rows)
-            apart = np.abs(matrix - matrix.T)
-            i, j = np.unravel_index(np.argmax(apart), apart.shape)
-            if apart[i, j] > SYMMETRIC * np.abs(matrix).max():
+            unlike = np.abs(matrix - matrix.T)
+            i, j = np.unravel_index(np.argmax(unlike), unlike.shape)
+            if unlike[i, j] > SYMMETRIC * np.abs(matrix).max():
                 entries = f"{matrix[i, j]:g} and {matrix[j, i]:g}"
                 fault((name,), f"is not symmetric: entries {i + 1}, {j + 1} and {j + 1}, {i + 1} are {entries}")
                 continue

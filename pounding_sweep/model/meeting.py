@@ -39,13 +39,13 @@ class Contact:
     xi: float = 1.0  # height of the struck point above the storey's lower floor, over the storey's height
     below: int = -1  # degree of freedom of that lower floor; -1 for the ground
     restrainer: Any = None  # that holds the floors; None where they meet
-    apart: bool = False  # whether that holds them as they move apart, not together
+    tension: bool = False  # whether that holds them as they move apart, not together
 
     @property
     def ends(self) -> tuple[tuple[int, float], ...]:
         """Floors that it acts on, walls and the ground left out, and the share of each in the penetration."""
         ends: list[tuple[int, float]] = []
-        way = -1.0 if self.apart else 1.0
+        way = -1.0 if self.tension else 1.0
         for side, floor, sign in ((0, self.left, way), (1, self.right, -way)):
             if side == self.struck:
                 lower, upper = column_shares(self.xi)
@@ -59,7 +59,9 @@ class Contact:
     def slack(self) -> float:
         """How far floors move (m) until a restrainer holds them; NaN where they meet, by the gap of the pair."""
         return (
-            math.nan if self.restrainer is None else (self.restrainer.closing_slack, self.restrainer.slack)[self.apart]
+            math.nan
+            if self.restrainer is None
+            else (self.restrainer.closing_slack, self.restrainer.slack)[self.tension]
         )
 
 

@@ -518,10 +518,10 @@ class Scene:
     ) -> Iterator[tuple[str, list[Contact]]]:
         """Return what restrainers hold of a pair, by label; `level` floors meet."""
         name, neighbours = self.pair_names[pair], self.row[pair : pair + 2]
-        for apart, sense in ((True, "tension"), (False, "compression")):
+        for tension, sense in ((True, "tension"), (False, "compression")):
             contacts: dict[int, Contact] = {}
             for index, item in enumerate(self.restrainers):
-                if item.pair != name or (not apart and item.closing_slack is None):
+                if item.pair != name or (not tension and item.closing_slack is None):
                     continue
                 for floors in item.storeys or [(c.left - starts[0] + 1, c.right - starts[1] + 1) for c in level]:
                     ends = []
@@ -536,7 +536,7 @@ class Scene:
                     if storey in contacts:
                         text = f"storey {storey} of pair {name!r} has several in {sense}; give one, of their sum"
                         raise SceneError(text, ("restrainers", index))
-                    contacts[storey] = Contact(pair, storey, ends[0], ends[1], restrainer=item, apart=apart)
+                    contacts[storey] = Contact(pair, storey, ends[0], ends[1], restrainer=item, tension=tension)
             if contacts:
                 yield f"{name} in {sense}", list(contacts.values())
 

@@ -276,24 +276,24 @@ def _add_rules(section: Section, result: xr.Dataset) -> None:
 
 def _add_tables(section: Section, comparison: Comparison, result: xr.Dataset) -> None:
     """Add the tables of a comparison, one for each of its variables."""
-    shown = result.copy()
+    printed = result.copy()
     for name in [*result, *({"row_gap"} & {*result.coords})]:
         if result[name].dtype.kind == "f":
             unit, factor = drawn_unit(result[name].attrs)
-            shown[name] = (factor * result[name]).assign_attrs(result[name].attrs | {"units": unit or "1"})
-    for key, group in groupby(table_rows(shown, comparison, lead=True), key=lambda row: row.get("variable")):
+            printed[name] = (factor * result[name]).assign_attrs(result[name].attrs | {"units": unit or "1"})
+    for key, group in groupby(table_rows(printed, comparison, lead=True), key=lambda row: row.get("variable")):
         table = [{name: value for name, value in row.items() if name != "variable"} for row in group]
         for row in table if "law" in table[0] else ():
-            row["law"] = row["law"] and law_name(shown, row["law"])
+            row["law"] = row["law"] and law_name(printed, row["law"])
         same, headings, _ = split_constant(table, numbers=False)
-        unit, subject = same.pop("units", "1"), long_name(shown[key], key) if key in shown else comparison.title
+        unit, subject = same.pop("units", "1"), long_name(printed[key], key) if key in printed else comparison.title
         words = [f"{key}: {value}" for key, value in same.items() if value not in (None, "-")]
         title = "; ".join([f"{subject} ({unit})" if unit not in ("1", "") else subject, *words])
         if len(table) > _ROWS:
             where = f"'pounding-sweep compare --what {comparison.key} -o FOLDER' writes"
             section.words.append(f"{title}: {len(table)} rows, which {where}.")
             continue
-        units = {key: unit_text(shown[key].attrs) for key in headings if key in shown.coords}
+        units = {key: unit_text(printed[key].attrs) for key in headings if key in printed.coords}
         labels = [f"{key.replace('_', ' ')}{f' ({units[key]})' if units.get(key) else ''}" for key in headings]
         section.add_table(title, "|".join(labels), [[_cell(row.get(key)) for key in headings] for row in table])
 

@@ -165,7 +165,7 @@ _WORDS = ("Reproduced", "Reproduced in part", "Not reproduced", "Not tested")
 class Outcome:
     """How often a claim is true."""
 
-    held: int  # cases in which it is true, of how many
+    true_cases: int  # cases in which it is true, of how many
     cases: int
     numbers: str  # the values that decided, in words
 
@@ -174,7 +174,7 @@ class Outcome:
         """Verdict by the share of cases; not tested where there is none."""
         if not self.cases:
             return Verdict.UNTESTED
-        share = self.held / self.cases
+        share = self.true_cases / self.cases
         if share >= LIMITS["holds"]:
             return Verdict.HOLDS
         return Verdict.PARTLY if share >= LIMITS["partly"] else Verdict.FAILS
@@ -277,13 +277,13 @@ class Reproduction:
 
 def table_outcome(compared: xr.Dataset, names: Sequence[str], reading: str) -> Outcome:
     """Count the cells of a table of `side_by_side`, not zero in both, that a reading comes near to."""
-    held = cases = 0
+    true_cases = cases = 0
     for name in names:
         paper, computed, written = paper_and_computed(compared, name, reading)
         cell = np.isfinite(computed) & ((paper != 0.0) | written)
-        held += int((cell & (np.abs(computed - paper) <= CLOSE[-1] * np.abs(paper))).sum())
+        true_cases += int((cell & (np.abs(computed - paper) <= CLOSE[-1] * np.abs(paper))).sum())
         cases += int(cell.sum())
-    return Outcome(held, cases, f"{held} of {cases} numbers within {CLOSE[-1]:.0%}")
+    return Outcome(true_cases, cases, f"{true_cases} of {cases} numbers within {CLOSE[-1]:.0%}")
 
 
 def verdict_of_all(

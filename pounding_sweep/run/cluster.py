@@ -127,8 +127,8 @@ class ClusterWorkers:
             hosts.setdefault(get_address_host(address), {})[address] = threads
 
         def submit(workers: dict[str, int]) -> Any:
-            there = list(workers.keys() & self._threads.keys()) or list(self._threads)
-            return self.client.submit(prepare, shapes, sum(workers.values()), workers=there, pure=False)
+            present = list(workers.keys() & self._threads.keys()) or list(self._threads)
+            return self.client.submit(prepare, shapes, sum(workers.values()), workers=present, pure=False)
 
         # where it fails, the first chunk that needs a kernel says what is wrong
         counts = [result for _, result in self._complete(hosts.values(), submit) if isinstance(result, int)]
@@ -194,19 +194,19 @@ class ClusterWorkers:
             return
         self._looked = now
         try:
-            there = self.client.nthreads()
-            if newcomers := there.keys() - self._versions.keys():
+            present = self.client.nthreads()
+            if newcomers := present.keys() - self._versions.keys():
                 self._versions |= self.client.run(fingerprint, workers=list(newcomers), on_error="return")
         except Exception as error:  # whatever it is: the scheduler does not answer
             raise self._gone(error) from None
-        for address in self._versions.keys() - there.keys():
+        for address in self._versions.keys() - present.keys():
             del self._versions[address]
             if self._threads.pop(address, None):
                 self._note(f"worker {address}: has left; {len(self._threads)} are there, what it ran is run again")
         for address in newcomers:
             if (versions := self._versions.get(address)) == expected:
-                self._threads[address] = there[address]
-                self._note(f"worker {address}: takes part, with {there[address]} threads; {len(self._threads)} do")
+                self._threads[address] = present[address]
+                self._note(f"worker {address}: takes part, with {present[address]} threads; {len(self._threads)} do")
             else:
                 self._note(f"worker {address}: takes no part, it has {versions}, here is {expected}")
         self._alone_since = np.inf if self._threads else min(now, self._alone_since)

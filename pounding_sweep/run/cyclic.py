@@ -208,10 +208,10 @@ def cyclic_test(building: Building, drifts: Any, storey: int = 1) -> xr.Dataset:
         raise InputError("drifts must be finite numbers (m), shape (points,) or (points, histories)")
     scene, floor = Scene([building]), storey - 1
     row, columns = variants_of(scene), path.reshape(len(path), -1)
-    own = [e for e, spring in enumerate(scene.springs) if spring.floor == floor]
-    springs = [imposed_spring(row, e, columns.shape[1]) for e in own]
+    elements = [e for e, spring in enumerate(scene.springs) if spring.floor == floor]
+    springs = [imposed_spring(row, e, columns.shape[1]) for e in elements]
     weights = row.geometric_stiffnesses[0, floor]
-    bare = weights if own else row.elastic_stiffnesses[0, floor]  # of what follows no law
+    bare = weights if elements else row.elastic_stiffnesses[0, floor]  # of what follows no law
     shear, stiffness, energy = bare * columns, np.full(columns.shape, bare), np.zeros(columns.shape)
     for point, drift in enumerate(columns):
         for spring, loss in springs:

@@ -69,15 +69,15 @@ def histories(kernel: RowKernel, states: np.ndarray, record: Record, time: np.nd
     # of a building by its matrix shears are what it puts on the floors above, and hold what they have moved
     dense = np.repeat(["k" in b.letters for b in scene.buildings], np.diff(scene.offsets))
     spring = np.where(dense, moved @ scene.of_buildings("lateral_shears").T, spring)
-    strain, plastic, lost = 0.5 * spring * drift, np.zeros_like(drift), np.zeros_like(drift)
+    strain, plastic, losses = 0.5 * spring * drift, np.zeros_like(drift), np.zeros_like(drift)
     strain[:, list({element.floor for element in scene.springs})] = 0.0
     for e, (element, numbers) in enumerate(zip(scene.springs, row.spring_numbers, strict=True)):
         values = {name: constants[0, e] for name, constants in row.spring_constants.items()}
         values |= {name: part[name][:, e] for name in element.law.rows}
         strain[:, element.floor] += element.law.stored(Sampled(numbers.stiffness[0], values), drift[:, element.floor])
         plastic[:, element.floor] += values["slip"] * numbers.stiffness[0] / stiffnesses[element.floor]
-        lost[:, element.floor] += element.law.loss(numbers)[0] * (part["travel"][:, e] if "travel" in part else 0.0)
-    hysteretic = lost @ owned[:n]
+        losses[:, element.floor] += element.law.loss(numbers)[0] * (part["travel"][:, e] if "travel" in part else 0.0)
+    hysteretic = losses @ owned[:n]
     kd = part.get("kd", stiffnesses)
     damper = (np.where(dense, 0.0, beta * kd) + row.dashpots[0]) * (moving @ drifts.T)
 

@@ -29,7 +29,7 @@ from pounding_sweep.variables.registry import CHANGE, OUTPUT_NAMES, SETTLED, VAL
 SINGLE_HALVINGS, MOST_HALVINGS = 1, 6
 #: Relative change of inputs between two runs in single precision, and of their gaps beside how far floors go: a few
 #: units of its last place.
-APART = 5e-7
+SHIFT = 5e-7
 #: Impacts of one floor beyond which a scenario is held to less than what was asked, in proportion: the more often
 #: floors meet, the likelier some graze each other by less than the error, and are counted or not.
 GRAZES = 16.0
@@ -69,16 +69,16 @@ def leeway(kernel: RowKernel, accuracy: float, allowed: np.ndarray) -> np.ndarra
     return np.where(rounds, ROUNDS, kernel.numerics.scheme.leeway if ordered else 1.0)
 
 
-def apart(kernel: RowKernel, table: Scenarios, result: Values) -> Scenarios:
+def shifted(kernel: RowKernel, table: Scenarios, result: Values) -> Scenarios:
     """Return scenarios as the run has them by which a `result` is judged."""
     if kernel.numerics.precision != "float32":
         return table
     far = np.zeros(len(table))
     for name in {"displacement_max", "displacement_min"} & result.keys():
         far = np.fmax(far, np.fmax.reduce(np.abs(result[name]).reshape(len(table), -1), axis=1, initial=0.0))
-    moved = changed(table, APART)
+    moved = changed(table, SHIFT)
     far = np.where(np.isfinite(far), far, 0.0)[:, None] * (table.gaps > 0.0)  # floors at rest on each other stay so
-    return replace(moved, gaps=moved.gaps + APART * far)
+    return replace(moved, gaps=moved.gaps + SHIFT * far)
 
 
 def run_once(task: ChunkTask) -> Values:
@@ -146,7 +146,7 @@ def _run_refined(task: ChunkTask, accuracy: float) -> Values:
             kernel = kernel.in_double
         fine = _run(task.part(rows)._replace(kernel=kernel))
         if halvings == 1:
-            coarse = run_once(task._replace(table=apart(task.kernel, table, fine)))
+            coarse = run_once(task._replace(table=shifted(task.kernel, table, fine)))
         impacts = fine.get("impact_count", np.zeros((len(rows), 1))).reshape(len(rows), -1).max(axis=1, initial=0)
         allowed = accuracy / np.maximum(1.0, impacts / GRAZES)
         is_valid = np.isin(fine["status"], VALID)
@@ -197,7 +197,7 @@ def run_scenarios(task: ChunkTask) -> Values:
     if len(rows):
         coarse, errors = {name: values[rows] for name, values in result.items()}, np.zeros((len(table), len(outputs)))
         part = task.part(rows)._replace(kernel=halved(kernel, record))
-        fine = run_once(part._replace(table=apart(kernel, part.table, coarse)))
+        fine = run_once(part._replace(table=shifted(kernel, part.table, coarse)))
         # floors that rest on each other magnify errors by any factor: either run errs as much as the other
         judged = [name in registry.AT_REST for name in outputs]
         divisors = np.where(resting[rows, None] & judged, ROUNDS, 1.0 if is_asked else np.inf)

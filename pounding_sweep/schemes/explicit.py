@@ -109,14 +109,14 @@ class Explicit(Scheme):
             push.add_links(x, y)
             if "links" in requested:
                 links.add_powers(group, x, y, weight, number == 1)
-            for each in [part] if part is not None else group.iter_parts():
-                moving = each.dofs if rows else every()
+            for piece in [part] if part is not None else group.iter_parts():
+                moving = piece.dofs if rows else every()
                 xs, ys = ([m[name, i] for i in moving] for name in "xy")
-                for i, a in zip(moving, accelerations(group, each, xs, ys, ground, push.on(moving)), strict=True):
+                for i, a in zip(moving, accelerations(group, piece, xs, ys, ground, push.on(moving)), strict=True):
                     m[now, i] = a
-                for k, (gained, damped) in enumerate(powers(group, each, ys, ground)) if "energy" in requested else ():
-                    add("din", each.blocks[0].b if rows else k, gained)
-                    add("ddamp", each.blocks[0].b if rows else k, damped)
+                for k, (gained, damped) in enumerate(powers(group, piece, ys, ground)) if "energy" in requested else ():
+                    add("din", piece.blocks[0].b if rows else k, gained)
+                    add("ddamp", piece.blocks[0].b if rows else k, damped)
             if joins:
                 impulse.equalise_rows(group, now, memory=m)
                 for contact in group.iter_contacts(straight=True):

@@ -331,21 +331,21 @@ def table_rows(
     if lead:
         names = [name for name in comparison.lead if name in names] or names[:2]
     motions = [dim for dim in MOTION_DIMS if result.sizes.get(dim, 1) > 1 and not lead]
-    apart = [dim for dim in (*comparison.columns, *motions) if dim not in over]
+    split = [dim for dim in (*comparison.columns, *motions) if dim not in over]
     shares = {name: share for share, name in _NAMED.items()}
     if quantiles is not None:
         shares = {f"{q:g} fractile": q for q in quantiles}
     parts: list[tuple[Row, xr.Dataset]] = [({}, result)]
     if "law" in result.coords and result["law"].dims == ("case",):
         parts = [({"law": law}, of_law(result, [law])) for law in law_keys(result)]
-    used = [dim for dim in apart if any(dim in (*result[name].dims, *parts[0][0]) for name in names)]
+    used = [dim for dim in split if any(dim in (*result[name].dims, *parts[0][0]) for name in names)]
     rows: list[Row] = []
     for name, (law, part) in itertools.product(names, parts):
         variable = part[name].where(part["touches"] == 1.0) if "touches" in part else part[name]
-        columns = [dim for dim in apart if dim in variable.dims]
+        columns = [dim for dim in split if dim in variable.dims]
         pooled = [str(dim) for dim in variable.dims if dim not in columns]
         spread, count = fractiles_over(variable.astype(float), pooled, list(shares.values()), "share")
-        headings, beside = [*shares], {}
+        headings, means = [*shares], {}
         if "quantile" in columns and all(variable.sizes[dim] == 1 for dim in pooled):  # a column for each fractile
             columns.remove("quantile")
             spread = variable.squeeze(pooled).transpose("quantile", ...).rename(quantile="share")
@@ -355,9 +355,9 @@ def table_rows(
             count = number.max([dim for dim in pooled if dim in number.dims]).fillna(0).astype(int)
         for key, heading in BY_STOREY.items() if "storey" in columns else ():
             if key in part.variables and {*part[key].dims} <= {*columns, *pooled}:
-                beside[heading] = part[key].mean([dim for dim in pooled if dim in part[key].dims])
+                means[heading] = part[key].mean([dim for dim in pooled if dim in part[key].dims])
         values = dict(zip(headings, spread.drop_vars("share"), strict=True))
-        table = xr.Dataset(beside | {"values": count} | values).reset_coords(drop=True)
+        table = xr.Dataset(means | {"values": count} | values).reset_coords(drop=True)
         if "never" in part and {*part["never"].dims} <= {*variable.dims} and part["never"].any():
             never = part["never"].fillna(0.0).reset_coords(drop=True).broadcast_like(variable)
             table["never touches"] = never.sum(pooled).astype(int)

@@ -18,7 +18,7 @@ import xarray as xr
 from pounding_sweep.analysis import comparisons, scenarios
 from pounding_sweep.analysis.comparisons import Row, check_needs, comparison, get_event, over_text, plain_rows
 from pounding_sweep.analysis.hazard import Hazard, hazard_of, log_normal_share
-from pounding_sweep.analysis.rebuild import intensity_of, own_intensity, periods_of
+from pounding_sweep.analysis.rebuild import intensity_axis, intensity_of, periods_of
 from pounding_sweep.analysis.scenarios import described, labelled, numbers_in, pounding_only, scenario_dims, trusted
 from pounding_sweep.base.errors import InputError, PoundingSweepError, check_choice
 from pounding_sweep.base.files import FilePath
@@ -258,7 +258,7 @@ def check_site(
     """Return what is said of a hazard, which must be of the intensity that is asked for."""
     units, measure = strength.attrs["units"], site.measure
     if not isinstance(intensity, xr.DataArray):
-        intensity = intensity or own_intensity(cube)
+        intensity = intensity or intensity_axis(cube)
         same = measure in ("", intensity)
         if measure.startswith("sa") and intensity.startswith("sa") and not same:  # perhaps called by another period
             periods = list(periods_of(cube, intensity).values())
@@ -432,8 +432,8 @@ def fragility(
 
 def sentence(fit: xr.Dataset | Mapping[str, Any]) -> str:
     """Say in words what the fit of one cell is, or why there is none, and what is known of the median."""
-    known = median_words(fit)
-    return MEANINGS[int(fit["fit_status"])] + (f"; the median is {known}" if known else "")
+    words = median_words(fit)
+    return MEANINGS[int(fit["fit_status"])] + (f"; the median is {words}" if words else "")
 
 
 def median_words(fit: xr.Dataset | Mapping[str, Any]) -> str:
@@ -505,6 +505,6 @@ def crossed(dataset: xr.Dataset) -> str:
         seen = (at.min() <= where) & (where <= at.max()) & (np.minimum(share, 1.0 - share) > SEEN)
         for place in map(tuple, np.argwhere(seen)[:1]):
             labels = " and ".join(f"{label:g}" for label in dataset[axis].values[place[-1] :][:2].tolist())
-            here = f"at {where[place]:.3g} {dataset['median'].attrs['units']}, probability {share[place]:.2g}"
-            return f"of {axis} {labels} {here}: their dispersions are fitted apart"
+            place_words = f"at {where[place]:.3g} {dataset['median'].attrs['units']}, probability {share[place]:.2g}"
+            return f"of {axis} {labels} {place_words}: their dispersions are fitted apart"
     return ""

@@ -55,8 +55,8 @@ class BehaviourFactors:
         value = getattr(self, factor)
         if isinstance(value, Mapping):
             if building not in value:
-                known = ", ".join(map(repr, value))
-                raise InputError(f"factor {factor!r} of building {building!r} is missing beside {known}; give it, too")
+                answer = ", ".join(map(repr, value))
+                raise InputError(f"factor {factor!r} of building {building!r} is missing beside {answer}; give it, too")
             value = value[building]
         if not 0.0 < value < math.inf:
             raise InputError(
@@ -495,16 +495,18 @@ def gap_for_probability(
         strength = intensity_of(cube, **motions)
         context = check_site(site, cube, intensity, strength) | {"years": years, "confidence": confidence}
         targets = -np.log1p(-np.array([*probabilities, *curve])) / years
-        known, numbers = gaps_of_stripes(cube, site, strength, targets, confidence=confidence, **motions)
-        own, size = site.own_unit if site.own_unit[1] != 1.0 else (strength.attrs["units"], 1.0)
+        gap_of, numbers = gaps_of_stripes(cube, site, strength, targets, confidence=confidence, **motions)
+        stated, size = site.stated_unit if site.stated_unit[1] != 1.0 else (strength.attrs["units"], 1.0)
         context |= {
             "suite": cube.sizes.get("record", 1),
-            "gaps": [known["row_gap"].min().item(), known["row_gap"].max().item()],
+            "gaps": [gap_of["row_gap"].min().item(), gap_of["row_gap"].max().item()],
             "tried": [strength.where(strength > 0.0).min().item() / size, strength.max().item() / size],
-            "tried_units": own,
+            "tried_units": stated,
         }
-        known |= {name: known[name].isel(probability=slice(len(probabilities))) for name in ("more_than", "less_than")}
-        return _with_numbers(known, numbers, probabilities, curve, context)
+        gap_of |= {
+            name: gap_of[name].isel(probability=slice(len(probabilities))) for name in ("more_than", "less_than")
+        }
+        return _with_numbers(gap_of, numbers, probabilities, curve, context)
     gaps = cube
     if cube.attrs.get(scenarios.COMPARISON) != "required-gap":
         gaps = required_gap(cube, records, behaviour=behaviour, folders=folders)
@@ -513,10 +515,10 @@ def gap_for_probability(
     attributes: dict[str, Any] = {"confidence": confidence, "suite": gaps.sizes["record"]}
     if intensity is not None or site is not None:
         strength = intensity_of(cube, intensity, records=records, folders=folders)
-        if site is not None and site.own_unit[1] != 1.0 and site.units == strength.attrs["units"]:
-            own, size = site.own_unit
-            strength = (strength / size).assign_attrs(strength.attrs | {"units": own})
-            site = replace(site, intensity=tuple(x / size for x in site.intensity), units=own)
+        if site is not None and site.stated_unit[1] != 1.0 and site.units == strength.attrs["units"]:
+            stated, size = site.stated_unit
+            strength = (strength / size).assign_attrs(strength.attrs | {"units": stated})
+            site = replace(site, intensity=tuple(x / size for x in site.intensity), units=stated)
         name, units = strength.attrs["long_name"], strength.attrs["units"]
         attributes["intensity"] = f"{name} ({units})"
         exact = _per_intensity(exact, strength, cube)

@@ -53,7 +53,7 @@ def gaps_of_stripes(
     by_number = by_number.drop_vars("gap").rename(gap="gap_number").where(beyond <= _UNTRIED)
     gaps = cube.coords.get("pair_gap", cube["gap"]).reset_coords(drop=True).drop_vars("gap").rename(gap="gap_number")
     gaps = gaps.broadcast_like(fits["median"].isel(gap=0, drop=True).coords["pair"])
-    found = xr.apply_ufunc(
+    answers = xr.apply_ufunc(
         lambda rate, gap: _gaps_at(rate, gap, rates),
         *(by_number, gaps),
         input_core_dims=[["number", "gap_number"], ["gap_number"]],
@@ -61,27 +61,27 @@ def gaps_of_stripes(
         vectorize=True,
     )
     texts = "which is needed: the last one of the cube whose rate is known"
-    known = {
+    valid = {
         "falls": described(falls, "1", "share of falls without a touch in the touches at the largest gap", bare=True),
         "beyond": described(beyond, "1", "share of the rate from intensities that were not run"),
         "row_gap": described(gaps, "m", "gap of the cube"),
-        "more_than": described(found.isel(answer=3), "m", f"gap more than {texts}"),
-        "less_than": described(found.isel(answer=4), "m", f"gap less than {texts}"),
+        "more_than": described(answers.isel(answer=3), "m", f"gap more than {texts}"),
+        "less_than": described(answers.isel(answer=4), "m", f"gap less than {texts}"),
     }
-    return known, {"gap_in_years": found.isel(answer=slice(3)).rename(answer="number"), "rate": by_number}
+    return valid, {"gap_in_years": answers.isel(answer=slice(3)).rename(answer="number"), "rate": by_number}
 
 
 def _gaps_at(rates: np.ndarray, gaps: np.ndarray, targets: np.ndarray) -> np.ndarray:
     """Return the gaps at which a rate and its two bounds are met, then the last known gaps below and above those."""
     result = np.full((5, targets.size), np.nan)
     for row, rate in zip(result, rates, strict=False):
-        known = np.isfinite(rate)
-        if known.any():
-            falling = np.log(np.minimum.accumulate(rate[known]))[::-1]
+        valid = np.isfinite(rate)
+        if valid.any():
+            falling = np.log(np.minimum.accumulate(rate[valid]))[::-1]
             outside = {"left": np.nan, "right": np.nan}
-            row[:] = np.exp(np.interp(np.log(targets), falling, np.log(gaps[known])[::-1], **outside))
-    known = np.isfinite(rates[0])
-    if known.any():
-        result[3] = np.where(targets < rates[0, known].min(), gaps[known].max(), np.nan)
-        result[4] = np.where(targets > rates[0, known].max(), gaps[known].min(), np.nan)
+            row[:] = np.exp(np.interp(np.log(targets), falling, np.log(gaps[valid])[::-1], **outside))
+    valid = np.isfinite(rates[0])
+    if valid.any():
+        result[3] = np.where(targets < rates[0, valid].min(), gaps[valid].max(), np.nan)
+        result[4] = np.where(targets > rates[0, valid].max(), gaps[valid].min(), np.nan)
     return result

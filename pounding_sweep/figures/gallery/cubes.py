@@ -93,18 +93,18 @@ def _draw_records(panel: Any, along: np.ndarray, values: np.ndarray, style: Any,
 
     Unless they are `upright`, values of 0 are no contact: lines end there, and that of the largest record is drawn too.
     """
-    shown = values if upright else np.where(values == 0.0, np.nan, values)
+    values_drawn = values if upright else np.where(values == 0.0, np.nan, values)
     if values.shape[1] <= _NAMED:
-        panel.plot(*(shown, along)[:: 1 if upright else -1], **style | _EACH)
+        panel.plot(*(values_drawn, along)[:: 1 if upright else -1], **style | _EACH)
         panel.plot([], [], label="each record", **_EACH | {"color": "0.4", "alpha": 1.0})
         return
-    valued = np.isfinite(shown).any(axis=1)
+    valued = np.isfinite(values_drawn).any(axis=1)
     band = np.nanquantile(values[valued], (0.16, 0.84), axis=1)
     fill_band = panel.fill_betweenx if upright else panel.fill_between
     for colour, ends, label in ((style["color"], (along[valued], *band), ""), ("0.2", ([],) * 3, _BAND)):
         fill_band(*ends, facecolor=(colour, 0.1), edgecolor=(colour, 0.4), linewidth=0.6, label=label)
     if not upright:
-        panel.plot(along[valued], np.nanmax(shown[valued], axis=1), color=style["color"], **_LARGEST)
+        panel.plot(along[valued], np.nanmax(values_drawn[valued], axis=1), color=style["color"], **_LARGEST)
         panel.plot([], [], color="0.2", label="largest of the records", **_LARGEST)
 
 
@@ -132,8 +132,8 @@ def _draw_laws(
                 line = part[name].sel(law=law)
                 panel.plot(at, line.where(line != 0.0), label=law_name(result, law), **style)
                 if "record" in result.dims:
-                    each = result[name].sel(law=law).isel({per: column}).transpose(axis.dim, "record")
-                    _draw_records(panel, at, each.values, style)
+                    chosen = result[name].sel(law=law).isel({per: column}).transpose(axis.dim, "record")
+                    _draw_records(panel, at, chosen.values, style)
             panel.update_datalim(np.column_stack([at, at]), updatey=False)  # lines may end before
             scale_axis(panel.xaxis, at)
     return axes, words
@@ -468,10 +468,10 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
     """
     row_of = {name: row for row in _ROWS for name in row[0] if name in cube.data_vars}
     check_value(value, row_of)
-    each, selection = select_default(with_dims(cube, "law"), ("law", *several_records(cube)), row_of)
-    laws, others = _first_laws(each, contact=True)
-    each = each[[*row_of]].sel(law=[law for law in each["law"].values if law in (*laws, "none")])
-    cube, selection = over_records(each, selection, row_of)
+    chosen, selection = select_default(with_dims(cube, "law"), ("law", *several_records(cube)), row_of)
+    laws, others = _first_laws(chosen, contact=True)
+    chosen = chosen[[*row_of]].sel(law=[law for law in chosen["law"].values if law in (*laws, "none")])
+    cube, selection = over_records(chosen, selection, row_of)
     responses = [row for row in _ROWS if row in row_of.values() and value in (None, *row[0])]
     size = (1.4, 2.4, 1.3, 1.9)
     axes = subplots(len(responses), cube.sizes["building"], size, sharex="row", sharey=True)
@@ -485,8 +485,8 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
                 values = factor * part[name].sel(law=law).values[floors]
                 x, y, marked = _along_height(values, heights, where)
                 ax.plot(x, y, markevery=marked, label=law_name(cube, law), **style)
-                if "record" in each.dims:
-                    one = each[name].sel(law=law, building=part["building"]).transpose("storey", "record")
+                if "record" in chosen.dims:
+                    one = chosen[name].sel(law=law, building=part["building"]).transpose("storey", "record")
                     x, y, _ = _along_height(factor * one.values[floors], heights, where)
                     _draw_records(ax, y, x, style, upright=True)
             if where == "floors and base":
@@ -896,12 +896,12 @@ def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -
         panel.set_title("\n".join(fill(text, 34) for text in lines if text))
     inputs = [spell_units(str(name)).replace("_", " ") for name in result["input"].values]
     low, high = np.nanmin(extremes), np.nanmax(extremes)
-    room = 0.03 if means is None else 0.4 * (high - low)
+    margin = 0.03 if means is None else 0.4 * (high - low)
     for panel in axes[:, 0]:
-        panel.set(yticks=range(n), yticklabels=inputs, xlim=(low - room, high + room), ylim=(-0.6, n - 0.4))
+        panel.set(yticks=range(n), yticklabels=inputs, xlim=(low - margin, high + margin), ylim=(-0.6, n - 0.4))
     if means is not None:
         axes[0, 0].locator_params("x", nbins=6)
-        axes[0, 0].set_xticks([tick for tick in axes[0, 0].get_xticks() if min(0.0, low) <= tick <= high + room])
+        axes[0, 0].set_xticks([tick for tick in axes[0, 0].get_xticks() if min(0.0, low) <= tick <= high + margin])
         words = "bars: means at values of one axis", "share: of the variance, by that axis alone"
         subject = f"mean {long_name(means, value)}"
         label, over = f"{subject} ({drawn_unit(means.attrs)[0] or '-'})", result.attrs["over"].partition(":")[0]

@@ -84,7 +84,7 @@ class Deterioration:
     reloading: PositiveOfStoreys | None = None
 
 
-def both(value: Any) -> tuple[Any, Any]:
+def by_direction(value: Any) -> tuple[Any, Any]:
     """Return a number of the negative and the positive direction."""
     return (value.negative, value.positive) if isinstance(value, Directions) else (value, value)
 
@@ -126,7 +126,7 @@ class Backbone(Shares):
 
     def __post_init__(self) -> None:
         for name, (is_allowed, words) in _ALLOWED.items():
-            for value in both(getattr(self, name)):
+            for value in by_direction(getattr(self, name)):
                 for x in value if isinstance(value, tuple) else () if value is None else (value,):
                     if not is_allowed(x):
                         raise SceneError(f"is {x:g}; it must be {words}", (name,))
@@ -152,12 +152,13 @@ class BackboneLaw(StoreyLaw):
 
     bounds_drifts, softens, can_fail = False, True, True
     constants = (
-        *("own_stiffness", "own_weight", "yield_force", "hard_stiffness"),
+        *("shear_stiffness", "geometric_stiffness", "yield_force", "hard_stiffness"),
         *(f"{name}_{side}" for side in ("neg", "pos") for name in _SIDE),
         *_RATES,
     )
     rows = (
-        *("phase", "slip", "unload", "lost", "lost_before", "borne", "slope", "offset", "branch_low", "branch_high"),
+        *("phase", "slip", "unload", "dissipated", "work_before"),
+        *("borne", "slope", "offset", "branch_low", "branch_high"),
         *(f"{name}_{side}" for side in ("neg", "pos") for name in _LEFT),
     )
 
@@ -169,8 +170,9 @@ class BackboneLaw(StoreyLaw):
         """Return its `constants`: those of the storey without P-Delta."""
         k, dy = numbers.stiffness + numbers.geometric, numbers.yield_drift
         hard = numbers.hardening * numbers.stiffness + numbers.geometric
-        values = {"own_stiffness": k, "own_weight": numbers.geometric, "yield_force": k * dy, "hard_stiffness": hard}
-        pairs = [both(getattr(parameters, name)) for name in ("cap_drift", "post_cap", "residual")]
+        values = {"shear_stiffness": k, "geometric_stiffness": numbers.geometric, "yield_force": k * dy}
+        values["hard_stiffness"] = hard
+        pairs = [by_direction(getattr(parameters, name)) for name in ("cap_drift", "post_cap", "residual")]
         limits = self.ultimate_drifts(parameters, numbers)
         for side, cap, falls, rest, limit in zip(("neg", "pos"), *pairs, limits, strict=True):
             x = FAR if cap is None else np.maximum(cap * numbers.capacity, dy)
@@ -188,27 +190,27 @@ class BackboneLaw(StoreyLaw):
         """Return those of the backbone."""
         if parameters.ultimate_drift is None:
             return super().ultimate_drifts(parameters, numbers)
-        negative, positive = both(parameters.ultimate_drift)
+        negative, positive = by_direction(parameters.ultimate_drift)
         return negative * numbers.capacity, positive * numbers.capacity
 
     # branches --------------------------------------------------------------------------------------------------------
 
     def begin(self, spring: Any, lanes: Any) -> None:
         """Be elastic, with the yield points as those that were left."""
-        k, force = spring.own_stiffness, spring.yield_force
+        k, force = spring.shear_stiffness, spring.yield_force
         first = {"slope": k, "unload": k, "branch_low": -minimum(force / k, spring.ultimate_neg)}
         first |= {"branch_high": minimum(force / k, spring.ultimate_pos)}
         for side in ("neg", "pos"):
             first |= {f"strength_{side}": 1.0, f"cap_{side}": 1.0}
             for name in ("last", "largest"):
                 first |= {f"{name}_{side}": force / k, f"{name}_force_{side}": force}
-        zero = dict.fromkeys(("phase", "slip", "lost", "lost_before", "borne", "offset"), 0.0)
+        zero = dict.fromkeys(("phase", "slip", "dissipated", "work_before", "borne", "offset"), 0.0)
         spring.put(lanes, **{name: spring.group.full(x) for name, x in (first | zero).items()})
 
     def line(self, spring: Any) -> tuple[Any, Any]:
         """Return that of the branch, less what the weights take."""
-        own, slope = spring.own_stiffness, spring.slope
-        return where(slope == own, spring.stiffness, slope - spring.own_weight), spring.offset
+        first, slope = spring.shear_stiffness, spring.slope
+        return where(slope == first, spring.stiffness, slope - spring.geometric_stiffness), spring.offset
 
     def gauges(self, spring: Any) -> Sequence[DriftGauge]:
         """Return the ends of the line, and the turn of a drift that does not unload."""
@@ -227,14 +229,14 @@ class BackboneLaw(StoreyLaw):
         borne = spring.slope * d + spring.offset
         slip = d - borne / spring.unload
         spring.slip, spring.borne = slip, borne
-        spring.lost += 0.5 * (before + borne) * (slip - was)
+        spring.dissipated += 0.5 * (before + borne) * (slip - was)
         if "hysteretic" in spring.group.requested:
-            spring.travel = spring.lost
+            spring.travel = spring.dissipated
 
     def stored(self, spring: Any, d: Any) -> Any:
         """Energy of the spring as it unloads, less that of the weights."""
         z = d - spring.slip
-        return 0.5 * (spring.unload * z * z - spring.own_weight * d * d)
+        return 0.5 * (spring.unload * z * z - spring.geometric_stiffness * d * d)
 
     def loss(self, numbers: Numbers) -> Any:
         """Return one: what is lost is an energy already."""
@@ -254,7 +256,7 @@ class BackboneLaw(StoreyLaw):
 
     def residual(self, spring: Any) -> Any:
         """Return the drift to which it unloads; missing with P-Delta, where it may run away."""
-        return np.where(spring.own_weight == 0.0, spring.slip, np.nan)
+        return np.where(spring.geometric_stiffness == 0.0, spring.slip, np.nan)
 
     # events ----------------------------------------------------------------------------------------------------------
 
@@ -293,10 +295,10 @@ class BackboneLaw(StoreyLaw):
         # what unloading gives back is another energy where its stiffness changes, and none where it fails
         now, work = where(failed, 0.0, p.f), 0.5 * (p.f * p.f / unload)
         d = spring.drift()
-        spring.put(lanes, lost=spring.lost + (work - 0.5 * (now * now / p.unload)))
+        spring.put(lanes, dissipated=spring.dissipated + (work - 0.5 * (now * now / p.unload)))
         spring.put(lanes, borne=side * now, slip=d - side * now / p.unload)
         if "hysteretic" in spring.group.requested:
-            spring.travel = spring.lost
+            spring.travel = spring.dissipated
 
     def _side(self, spring: Any, up: Any) -> SimpleNamespace:
         """Return rows and constants of a direction."""
@@ -308,7 +310,7 @@ class BackboneLaw(StoreyLaw):
     def _deteriorate(self, p: Any) -> Any:
         """Let unloading soften at a turn, and the other modes as the shear changes its sign; where nothing is left."""
         spring, spent = p.spring, p.turned & False
-        energy, since = spring.lost, maximum(spring.lost - spring.lost_before, 0.0)
+        energy, since = spring.dissipated, maximum(spring.dissipated - spring.work_before, 0.0)
 
         def share(name: str, lanes: Any) -> Any:
             nonlocal spent
@@ -322,14 +324,14 @@ class BackboneLaw(StoreyLaw):
         p.strength = p.strength * (1.0 - share("strength_rate", p.crosses))
         p.cap = p.cap * (1.0 - share("cap_rate", p.crosses))
         p.largest = p.largest * (1.0 + share("reload_rate", p.crosses))
-        spring.put(p.crosses & p.lanes, lost_before=energy)
+        spring.put(p.crosses & p.lanes, work_before=energy)
         return spent
 
     def _backbone(self, p: Any) -> None:
         """Find the hardening and the falling line of a side, and the drift at which they meet."""
         force = p.strength * p.spring.yield_force
         p.hard = p.strength * p.spring.hard_stiffness
-        p.hard_line = force - p.hard * (force / p.spring.own_stiffness)
+        p.hard_line = force - p.hard * (force / p.spring.shear_stiffness)
         p.soft_line = p.cap * p.cap_line
         p.cap_drift = (p.soft_line - p.hard_line) / (p.hard - p.soft_stiffness)
 
