@@ -348,7 +348,7 @@ def written_files(command=None, name=""):
 
 def test_data_are_never_replaced_unasked_and_figures_say_that_they_are():
     pictures = {f"{name} -o" for name in ("plot", "animate", "records plot", "view", "report")}
-    pictures |= {"tradeoff --plot", "extremes --plot"}
+    pictures |= {"tradeoff --plot", "extremes --plot", "storey -o"}
     for name, told, options in written_files():
         assert told.endswith("replaced if it exists.") == (name in pictures), name
         assert name in pictures or "--overwrite" in options, name

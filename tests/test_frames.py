@@ -207,7 +207,7 @@ def row(law_scene=None, second=None, **properties):
         ({"stiffness_matrix": [[1.0]]}, "is 1 x 1 for 2 masses"),
         ({"stiffness_matrix": "absent.csv"}, "'absent.csv' could not be read"),
         ({"stiffnesses": 1e5}, "comes beside stiffnesses"),
-        ({"yield_strengths": 100.0}, "storeys that yield need stiffnesses"),
+        ({"yield_strengths": 100.0}, "storeys that yield, or infill, need stiffnesses"),
         ({"p_delta": True, "stiffness_matrix": [[90.0, -40.0], [-40.0, 30.0]]}, "does not stand under its weight"),
         ({"damping_matrix": [[1.0, 2.0], [2.0, 1.0]]}, "would feed energy in"),
         ({"modal_damping": [0.05]}, "1 ratios for 2 modes"),

@@ -221,7 +221,8 @@ def plan_of(scene=None, **changes):
     return make_plan(build_spec(scene=scene or row(), **{**WHOLE, "records": motions(), **changes}))
 
 
-def test_runs_without_pounding_are_shared_by_what_they_have_in_common():
+def test_runs_without_pounding_are_shared_by_what_they_have_in_common(monkeypatch):
+    monkeypatch.setattr("pounding_sweep.plan.plan.FEW_SCENARIOS", 0)
     plan = plan_of(**AXES, scales=[0.5, 1.0])
     assert len(plan.uncoupled_runs) == 2 * 2 * 12
     table, of = plan.unique, plan.uncoupled_of

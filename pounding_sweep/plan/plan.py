@@ -51,7 +51,7 @@ CHUNK_SECONDS = 0.25
 #: Largest size (bytes) of the results of one chunk.
 CHUNK_BYTES = 2**22
 #: Memory of one scenario while it is planned, by measurement.
-PLAN_BYTES = 760
+PLAN_BYTES = 780
 #: Scenarios that must share a run without pounding for the extremes of its windows to be worth finding, and where
 #: energies are asked for, which runs that are known by blocks have not.
 LEAST_SHARING, LEAST_SHARING_ENERGIES = 32, 6
