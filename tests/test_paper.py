@@ -199,7 +199,7 @@ def test_claims_are_judged_apart_and_floors_that_do_not_touch_are_no_cases():
     assert (result.outcomes[0].cases, result.outcomes[0].verdict) == (0, UNTESTED)
     assert result.verdict is HOLDS
     result = judged("iv", impact_force_max=FORCES * along("pair", 1, 0))
-    assert (result.outcomes[0].held, result.outcomes[0].cases) == (3, 3)
+    assert (result.outcomes[0].true_cases, result.outcomes[0].cases) == (3, 3)
 
 
 SHARES = {HOLDS: (9, 10), PARTLY: (5, 10), FAILS: (1, 10), UNTESTED: (0, 0)}
@@ -287,4 +287,4 @@ def test_zero_in_one_alone_is_no_agreement_and_in_both_no_case():
         outcome = compare.table_outcome(
             side_by_side(4, outputs(impact_force_max=force)), ["impact_force_max"], "as_printed"
         )
-        assert (outcome.held, outcome.cases) == (0, cases)
+        assert (outcome.true_cases, outcome.cases) == (0, cases)

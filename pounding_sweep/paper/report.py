@@ -92,7 +92,7 @@ def summary(contents: Mapping[str, Any]) -> list[Grid]:
         label = READINGS[one.reading].label
         claims.append([one.conclusion["key"], label, one.verdict.value, "", one.conclusion["text"]])
         for claim, outcome in zip(one.conclusion["claims"], one.outcomes, strict=True):
-            cases = f"{outcome.held}/{outcome.cases}"
+            cases = f"{outcome.true_cases}/{outcome.cases}"
             claims.append(["", "", outcome.verdict.value, cases, f"{claim['text']} {outcome.numbers}"])
     by_table = zip(TABLES, contents["agreement"], strict=True)
     rows = [[str(n), *row[:2], *row[3:]] for n, grid in by_table for row in grid.rows if row[2] == ALL]
