@@ -112,3 +112,51 @@ def test_axes_of_what_storeys_do_not_lose_are_refused(axes, message):
     ]
     with pytest.raises(SweepError, match=message):
         ps.Sweep(ps.Scene(row, [0.01]), "el_centro", "none", **axes)
+
+
+@pytest.mark.slow
+def test_a_drift_that_turns_and_goes_on_at_once_is_seen_in_a_long_step():
+    """Points between those of a record change nothing, but for the length of steps."""
+
+    def degrading(caps, post_cap, ultimate, *rates):
+        modes = zip(("strength", "post_cap", "unloading", "reloading"), rates, strict=True)
+        backbone = {"cap_drift": caps, "post_cap": post_cap, "ultimate_drift": ultimate}
+        return {"law": "peak_oriented", **backbone, "deterioration": dict(modes)}
+
+    wall = {"law": "pinching", "cap_drift": [8.238e-4, 2.946e-4], "post_cap": -0.1, "residual": 0.0}
+    rates = [0.06894, 0.02465], [0.2408, 0.0861], [0.1351, 0.0483], [0.06472, 0.02314]
+    soft = ps.Building(
+        *("soft", [57.05, 48.81], [38810.0, 50050.0], 0.1),
+        yield_strengths=[99.5, 45.88],
+        hardening=0.1,
+        hysteresis=degrading([0.01188, 0.004249], -0.0715, [0.08244, 0.02948], *rates) | {"residual": 0.0},
+        infill={
+            "stiffnesses": [72110.0, 92990.0],
+            "yield_strengths": [29.7, 13.7],
+            "hysteresis": wall | {"pinch_force": 0.3, "pinch_drift": 0.3},
+        },
+    )
+    rates = [0.03965, 0.02955], [0.01996, 0.01487], [0.02472, 0.01842], [0.04715, 0.03513]
+    stiff = ps.Building(
+        *("stiff", [277.5, 280.6], [842700.0, 568600.0]),
+        yield_strengths=[463.7, 233.2],
+        hysteresis=degrading([0.003088, 0.002301], -0.09158, [0.008797, 0.006555], *rates) | {"residual": 0.1},
+    )
+    record = ps.find_record("el_centro").scaled(0.23277179659174954)
+    points = np.arange(record.n_points)
+    between = np.interp(np.arange(5 * points[-1] + 1) / 5, points, record.acceleration)
+    works = [
+        ps.Sweep(
+            ps.Scene([soft, stiff], [0.01]),
+            motion,
+            "kelvin_voigt",
+            gaps=[0.00086, 0.001204, 0.00172],
+            stiffnesses=[173300.0],
+            restitutions=[0.85],
+            **{"method": "exact", "dt": 1e-3, "rest": 0.0, "outputs": ["energy_input"]},
+        )
+        .run()
+        .energy_input.values
+        for motion in (record, ps.Record(name="between", acceleration=between, dt=record.dt / 5))
+    ]
+    np.testing.assert_allclose(works[0], works[1], rtol=1e-9)

@@ -536,7 +536,7 @@ def _propose_ends(spring: StoreySpring, gauge: DriftGauge, kinds: list[Index], c
         rate = _drift(spring, d0, 1.0).rate
         last, per = s["span"] * v1, (1.0 / 3.0) * end
         early, late = fma(per, rate.read(1), rate.read(0)), fma(-per, rate.rate.value(end), last)
-        turns = held & (minimum(gauge.way * last, minimum(gauge.way * early, gauge.way * late)) < 0.0)
+        turns = held & (minimum(gauge.way * last, minimum(gauge.way * early, gauge.way * late)) < rate.bulge(end))
         with when_any(turns):
             choice.propose(real(turned), turns, -gauge.way, rate, gauge.turned)
 
