@@ -7,6 +7,7 @@ shear with the sign of the direction in which the spring goes on, or from which 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Annotated, Any
@@ -357,6 +358,6 @@ class BackboneLaw(StoreyLaw):
         """Return where unloading ends: without shear."""
         return p.x - p.f / p.unload
 
+    @abstractmethod
     def _go_on(self, p: Any) -> tuple[Any, ...]:
         """Return phase, line and its ends beyond the end of a line."""
-        raise NotImplementedError
