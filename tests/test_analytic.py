@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from kernels_used import LAW_OF, SIMULATED
 from kinds import FIVE
-from reference import ShearBuilding, modal_exact
+from reference import NOMINAL, REALISED, ShearBuilding, modal_exact
 from scipy.integrate import cumulative_simpson
 from scipy.special import gamma
-from test_reference import NOMINAL, REALISED
 from test_simulate import PAIR, A, B, shake, shaking, with_gap
 
 import pounding_sweep as ps

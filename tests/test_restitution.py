@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reference import two_mass_restitution
+from reference import REALISED, two_mass_restitution
 from scenes import EVERY, call
-from test_reference import REALISED
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy.certificate import certify, deviation
