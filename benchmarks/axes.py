@@ -1,4 +1,4 @@
-"""Sweeps over other things than gaps, ``python -m benchmarks.axes``: what a scenario costs along each axis."""
+"""Sweeps over other things than gaps: what a scenario costs along each axis."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.engine import BATCH, OUTPUTS, run_chunks
+from benchmarks.engine import BATCH, OUTPUTS
+from benchmarks.sizes import job_of
 from benchmarks.timing import medians
-from benchmarks.work import GAPS, Work, make_work
+from benchmarks.work import GAPS, Work
 from pounding_sweep.plan.plan import Plan
 from pounding_sweep.run.sweep import Sweep
 
@@ -35,21 +36,6 @@ def relative_throughput(
     work: Work, rounds: int, axes: Sequence[str] = tuple(AXES), **settings: Any
 ) -> dict[str, float]:
     """Return scenarios per second along each axis over those along gaps, the plans taking turns."""
-    plans = {axis: plan_axis(work, axis, **settings) for axis in dict.fromkeys(("gap", *axes))}
-    jobs = [lambda plan=plan: run_chunks(plan) for plan in plans.values()]
-    for job in jobs:  # compiled
-        job()
-    seconds = dict(zip(plans, medians(*jobs, rounds=rounds), strict=True))
+    jobs = {axis: job_of(plan_axis(work, axis, **settings)) for axis in dict.fromkeys(("gap", *axes))}
+    seconds = dict(zip(jobs, medians(*jobs.values(), rounds=rounds), strict=True))
     return {axis: seconds["gap"] / seconds[axis] for axis in axes if axis != "gap"}
-
-
-def main() -> None:
-    """Print scenarios per second along each axis over those along gaps, under some of the record and all of it."""
-    found = [relative_throughput(make_work(short=short), 25, method="exact", dt=2.5e-3) for short in (True, False)]
-    print(f"{'':32}{'short':>8}{'whole':>8}")
-    for axis in found[0]:
-        print(f"{axis:32}{found[0][axis]:8.2f}{found[1][axis]:8.2f}")
-
-
-if __name__ == "__main__":
-    main()

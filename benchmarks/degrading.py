@@ -17,7 +17,7 @@ import xarray as xr
 
 import pounding_sweep as ps
 from benchmarks.engine import run_chunks
-from benchmarks.peers.opensees import shake
+from benchmarks.peers.opensees import displacements, floors_of, shake, start_row
 from benchmarks.timing import medians
 from pounding_sweep.kernel.spec import history_slots
 from pounding_sweep.model.building import Building
@@ -43,7 +43,7 @@ def materials(building: Building) -> list[list[tuple[Any, ...]]]:
         assert building.yield_strengths is not None
         own = building.storey_stiffnesses[storey], building.yield_strengths[storey], building.hardenings[storey]
         wall = [building.of_infill(name)[storey] for name in ("stiffnesses", "yield_strengths", "hardening")]
-        springs: list[tuple[Any, ...]] = [("Elastic", -building.geometric_stiffnesses[storey])]
+        springs: list[tuple[Any, ...]] = [("Elastic", -building.geometric_stiffnesses[storey])] * building.p_delta
         for law, parameters, is_infill in building.springs_of(storey):
             k, strength, hardening = wall if is_infill else own
             if not law.can_fail:
@@ -63,10 +63,7 @@ def materials(building: Building) -> list[list[tuple[Any, ...]]]:
 
 def build(ops: Any, scene: ps.Scene, law: str) -> None:
     """Build a row, its springs side by side, with gap elements between floors under the law "linear"."""
-    ops.wipe()
-    ops.model("basic", "-ndm", 1, "-ndf", 1)
-    ops.node(1000, 0.0)
-    ops.fix(1000, 1)
+    start_row(ops)
     tag = 0
     for building, first in zip(scene.buildings, scene.offsets, strict=False):
         elements = []
@@ -92,20 +89,13 @@ def histories(ops: Any, scene: ps.Scene, record: ps.Record, law: str, dt: float)
     """Displacements (m) of all floors by OpenSees at the points of the record, shape (points, floors)."""
     build(ops, scene, law)
     shake(ops, record)
-    every, floors = round(record.dt / dt), range(1, scene.n_dof + 1)
-    result = [[0.0] * len(floors)]
-    for _ in range(record.n_points - 1):
-        if ops.analyze(every, dt):
-            raise RuntimeError(f"OpenSees did not converge at dt = {dt:g} s")
-        result.append([ops.nodeDisp(node, 1) for node in floors])
-    return np.array(result)
+    return displacements(ops, range(1, scene.n_dof + 1), record, dt, round(record.dt / dt))
 
 
 def simulated(scene: ps.Scene, record: ps.Record, law: str = "none") -> tuple[xr.Dataset, np.ndarray]:
     """Return a run of the row by `exact`, and the same of it."""
     one = ps.simulate(scene, record, law=law, method="exact", rest=0.0, output_step=record.dt)
-    motion = one.displacement.transpose("time", "building", "storey").sel(time=record.time, method="nearest")
-    return one, np.hstack([motion.values[:, b, : item.n_storeys] for b, item in enumerate(scene.buildings)])
+    return one, floors_of(one, scene, record.time)
 
 
 def distance(some: np.ndarray, others: np.ndarray) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 
 import pounding_sweep as ps
 from benchmarks.engine import OUTPUTS
-from benchmarks.peers.opensees import shake
+from benchmarks.peers.opensees import displacements, floors_of, shake
 from benchmarks.sizes import job_of
 from benchmarks.timing import medians
 from pounding_sweep.run.sweep import Sweep
@@ -90,21 +90,8 @@ def histories(ops: Any, walls: bool, beside: bool, record: ps.Record) -> np.ndar
         add_neighbour(ops)
         nodes += [1000 + i for i in range(1, NEIGHBOUR.n_storeys + 1)]
     ops.rayleigh(ALPHA, 0.0, 0.0, 0.0)
-    shake(ops, record)
-    ops.wipeAnalysis()
-    ops.constraints("Transformation")
-    ops.numberer("RCM")
-    ops.system("BandGeneral")
-    ops.test("NormDispIncr", 1e-12, 50)
-    ops.algorithm("Newton" if beside else "Linear", *([] if beside else ["-factorOnce"]))
-    ops.integrator("Newmark", 0.5, 0.25)
-    ops.analysis("Transient")
-    result = [[0.0] * len(nodes)]
-    for _ in range(round((record.n_points - 1) * record.dt / (STEP * EVERY))):
-        if ops.analyze(EVERY, STEP) != 0:
-            raise RuntimeError(f"OpenSees did not converge at dt = {STEP:g} s")
-        result.append([ops.nodeDisp(node, 1) for node in nodes])
-    return np.array(result)
+    shake(ops, record, "Transformation", *(["Newton"] if beside else ["Linear", "-factorOnce"]))
+    return displacements(ops, nodes, record, STEP, EVERY)
 
 
 def row_of(building: ps.Building) -> ps.Scene:
@@ -120,10 +107,8 @@ def difference(ops: Any, walls: bool, beside: bool, record: ps.Record) -> tuple[
     one = ps.simulate(scene, record, law=law, method="exact", dt=dt, rest=0.0, output_step=dt)
     other = histories(ops, walls, beside, record)
     at = np.arange(len(other)) * dt
-    motion = one.displacement.transpose("time", "building", "storey").sel(time=at, method="nearest", tolerance=1e-9)
-    floors = np.hstack([motion.values[:, b, : item.n_storeys] for b, item in enumerate(scene.buildings)])
     largest = float(abs(other).max())
-    return float(abs(floors - other).max()) / largest, largest
+    return float(abs(floors_of(one, scene, at) - other).max()) / largest, largest
 
 
 def fitted_chain(building: ps.Building) -> ps.Building:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.engine import plan_gaps, run_chunks
+from benchmarks.engine import plan_gaps
 from benchmarks.sizes import job_of, plan_of, row_of
 from benchmarks.throughput import grid_sweep, run_sweep
 from benchmarks.timing import medians
@@ -70,18 +70,8 @@ def _durations(work: Work, rounds: int, notify: Notify) -> Growth:
     notify("scaling: record length")
     longest = work.record.duration
     durations = [d for d in DURATIONS if d <= longest]
-    plans = [
-        plan_gaps(
-            Work(work.scene, cut(work.record, d), work.law, work.stiffness, work.restitution),
-            neighbouring_gaps(64),
-            method="exact",
-            dt=2.5e-3,
-        )
-        for d in durations
-    ]
-    jobs = [lambda plan=plan: run_chunks(plan) for plan in plans]
-    for job in jobs:
-        job()
+    works = [replace(work, record=cut(work.record, d)) for d in durations]
+    jobs = [job_of(plan_gaps(each, neighbouring_gaps(64), method="exact", dt=2.5e-3)) for each in works]
     return Growth("record length (s)", "s of one core, exact", tuple(durations), tuple(medians(*jobs, rounds=rounds)))
 
 

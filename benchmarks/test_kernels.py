@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks import arithmetic
 from benchmarks.c_kernel import find_compiler
-from benchmarks.engine import OUTPUTS, run_chunks
-from benchmarks.sizes import row_of
+from benchmarks.engine import OUTPUTS
+from benchmarks.sizes import job_of, row_of
 from benchmarks.timing import medians
 from benchmarks.work import neighbouring_gaps
 from pounding_sweep.engine.compile import CACHE_VARIABLE, compile_piece
@@ -27,9 +27,7 @@ def job(scene, record, **settings):
     sweep = Sweep(
         scene, record, "linear", gaps=neighbouring_gaps(32), method="rk4", dt=1e-3, **{"outputs": OUTPUTS, **settings}
     )
-    plan = sweep.plan()
-    run_chunks(plan)
-    return lambda: run_chunks(plan)
+    return job_of(sweep.plan())
 
 
 @needs_compiler

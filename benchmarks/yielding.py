@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 import pounding_sweep as ps
+from benchmarks.degrading import build
 from benchmarks.peers.opensees import largest_drifts, shake
 from benchmarks.timing import medians
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
@@ -54,22 +55,7 @@ def weakened(scene: ps.Scene, record: ps.Record, reduction: float = REDUCTION) -
 
 def opensees(ops: Any, scene: ps.Scene, record: ps.Record, dt: float) -> np.ndarray:
     """Run the row alone through OpenSees; returns the largest storey drifts (m)."""
-    ops.wipe()
-    ops.model("basic", "-ndm", 1, "-ndf", 1)
-    ops.node(1000, 0.0)
-    ops.fix(1000, 1)
-    for building, first in zip(scene.buildings, scene.offsets, strict=False):
-        assert building.yield_strengths is not None
-        storeys = zip(building.masses, building.storey_stiffnesses, building.yield_strengths, strict=True)
-        for tag, (mass, stiffness, strength) in enumerate(storeys, first + 1):
-            ops.node(tag, 0.0)
-            ops.mass(tag, mass)
-            ops.uniaxialMaterial("Steel01", tag, float(strength), stiffness, building.hardening)
-            below = 1000 if tag == first + 1 else tag - 1
-            ops.element("zeroLength", tag, below, tag, "-mat", tag, "-dir", 1, "-doRayleigh", 1)
-        alpha, beta = map(float, building.rayleigh)  # by the initial stiffness
-        tags = range(first + 1, first + building.n_storeys + 1)
-        ops.region(first + 1, "-ele", *tags, "-rayleigh", alpha, 0.0, beta, 0.0)
+    build(ops, scene, "none")
     shake(ops, record)
     return largest_drifts(ops, range(1, scene.n_dof + 1), record, dt)
 

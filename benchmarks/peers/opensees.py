@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
 import pounding_sweep as ps
 from benchmarks.peers import Peer, Run
@@ -36,10 +37,7 @@ def _build(ops: Any, work: Work, gap: float, dt: float, folder: Path) -> None:
     """Describe one scenario: a spring to the floor below for each floor, a gap element for each contact."""
     row = work.row
     n, contacts = len(row.mass), len(row.left)
-    ops.wipe()
-    ops.model("basic", "-ndm", 1, "-ndf", 1)
-    ops.node(1000, 0.0)
-    ops.fix(1000, 1)
+    start_row(ops)
     for i in range(n):
         ops.node(i + 1, 0.0)
         ops.mass(i + 1, float(row.mass[i]))
@@ -67,15 +65,23 @@ def _build(ops: Any, work: Work, gap: float, dt: float, folder: Path) -> None:
     shake(ops, work.record)
 
 
-def shake(ops: Any, record: Record) -> None:
-    """Have a row shaken by a record, by Newmark's average acceleration, its steps solved by Newton's method."""
+def start_row(ops: Any) -> None:
+    """Begin the model of a row along one axis; node 1000 is the ground."""
+    ops.wipe()
+    ops.model("basic", "-ndm", 1, "-ndf", 1)
+    ops.node(1000, 0.0)
+    ops.fix(1000, 1)
+
+
+def shake(ops: Any, record: Record, constraints: str = "Plain", *algorithm: str) -> None:
+    """Have a row shaken by a record, by Newmark's average acceleration; Newton's method where no other is named."""
     ops.timeSeries("Path", 1, "-dt", record.dt, "-values", *map(float, record.acceleration))
     ops.pattern("UniformExcitation", 1, 1, "-accel", 1)
-    ops.constraints("Plain")
+    ops.constraints(constraints)
     ops.numberer("RCM")
     ops.system("BandGeneral")
     ops.test("NormDispIncr", INCREMENT, ITERATIONS)
-    ops.algorithm("Newton")
+    ops.algorithm(*(algorithm or ["Newton"]))
     ops.integrator("Newmark", 0.5, 0.25)
     ops.analysis("Transient")
 
@@ -91,6 +97,22 @@ def largest_drifts(ops: Any, elements: Iterable[int], record: Record, dt: float)
         if failed:
             raise RuntimeError(f"OpenSees did not converge at dt = {dt:g} s")
         return np.asarray(np.loadtxt(file)[-1])
+
+
+def displacements(ops: Any, nodes: Sequence[int], record: Record, dt: float, every: int) -> np.ndarray:
+    """Run what was described; returns displacements (m) every so many steps of `dt` (s), shape (instants, nodes)."""
+    result = [[0.0] * len(nodes)]
+    for _ in range(round((record.n_points - 1) * record.dt / (dt * every))):
+        if ops.analyze(every, dt):
+            raise RuntimeError(f"OpenSees did not converge at dt = {dt:g} s")
+        result.append([ops.nodeDisp(node, 1) for node in nodes])
+    return np.array(result)
+
+
+def floors_of(one: xr.Dataset, scene: ps.Scene, times: np.ndarray) -> np.ndarray:
+    """Displacements (m) of all floors of a simulation at some of its instants (s), shape (instants, floors)."""
+    motion = one.displacement.transpose("time", "building", "storey").sel(time=times, method="nearest", tolerance=1e-9)
+    return np.hstack([motion.values[:, b, : item.n_storeys] for b, item in enumerate(scene.buildings)])
 
 
 def _prepare(work: Work, dt: float) -> Run:
