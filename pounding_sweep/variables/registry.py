@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.base.files import read_data
 from pounding_sweep.kernel import hysteresis, links, rest
 from pounding_sweep.kernel.group import Contact, Group, Storey
 from pounding_sweep.kernel.peaks import Motion
@@ -111,14 +112,13 @@ class KernelResults:
 
 @dataclass(eq=False)
 class Variable:
-    """One output of a sweep."""
+    """One output of a sweep, an entry of ``data/outputs.toml``."""
 
     name: str  # name in cubes and in ``outputs``
     units: str  # in UDUNITS spelling
     long_name: str  # for axes and tables
-    #: slot of the kernel that holds its values, or what makes them of what a kernel returned; None: they are worked out
-    #: after the run, zeros until then (of scenarios only)
-    source: str | Callable[[KernelResults], np.ndarray] | None = None
+    definition: str  # what exactly is reported
+    source: str = ""  # slot of the kernel that holds its values, if they are not made by a function of `SOURCES`
     per: str = "scenario"  # what there is a value for, a key of `DIMS`
     needs: Collection[str] = ()  # reducers of the compiled loop that it is made from, beside that of its slot
     #: one of `ERROR_CLASSES`, or `UNMEASURED`; "" for one that says how a run went and not what it found
@@ -141,10 +141,7 @@ class Variable:
     flag_meanings: str = ""  # of a status variable: what its values from 0 mean, separated by blanks
 
     def __post_init__(self) -> None:
-        #: What exactly is reported.
-        self.definition = DEFINITIONS[self.name]
-        of_slot = [REDUCER_OF[self.source]] if self.source in REDUCER_OF else []
-        self.needs = frozenset([*self.needs, *of_slot])
+        self.needs = frozenset([*self.needs, REDUCER_OF[self.source]] if self.source else self.needs)
         #: CF flags of a status variable.
         self.flag_values = tuple(range(len(self.flag_meanings.split())))
         #: Dimensions inside a scenario, out of `INNER_DIMS`; () for one value per scenario.
@@ -162,9 +159,12 @@ class Variable:
 
     def read(self, results: KernelResults) -> np.ndarray:
         """Return its values, shape (scenarios, dimensions)."""
-        if self.source is None:
+        if self.name in SOURCES:
+            values = SOURCES[self.name](results)
+        elif not self.source:  # worked out after the run
             return np.zeros(len(results))
-        values = results.get(self.source, self.per) if isinstance(self.source, str) else self.source(results)
+        else:
+            values = results.get(self.source, self.per)
         values = values.astype(np.int32) if self.dtype == "i4" else values
         return values if self.per == "scenario" else scatter(values, results.scene, self.per)
 
@@ -220,54 +220,12 @@ OK_CLAIM = 0.05
 SETTLED = 0.02
 
 
-#: How scenarios end, by the value of the status: what it means, and what to do.
-_ENDINGS = (
-    (
-        "the scenario ran to the end of its record and of the rest after it, and its step resolves contacts, buildings "
-        "and ground by all rules of the engine; where error_estimate is there, a run at another step agrees as well",
-        "",
-    ),
-    (
-        "the motion left the range of finite numbers, or of what the ground can bring about, or a storey fell in steps "
-        "that do not resolve it; no peaks are reported",
-        "use a smaller dt, the newmark scheme or a softer contact",
-    ),
-    (
-        "the shortest contact lasted too few time steps for its peaks to be trusted",
-        "use a smaller dt (see steps_per_contact)",
-    ),
-    (
-        "the implicit equation of contacts or of smooth storeys was not solved within its tolerance in some step",
-        "use a smaller dt",
-    ),
-    (
-        "the time step is beyond the stability limit of the scheme; the scenario was refused",
-        "use a smaller dt or the newmark scheme",
-    ),
-    (
-        "the scenario has no result, for instance because its worker failed or because no merged cube has it",
-        "run the sweep again, for a merged cube with --extend of it",
-    ),
-    (
-        "the time step is too long for a building's fundamental period, or for the ground motion",
-        "use a smaller dt, or the exact scheme",
-    ),
-    (
-        "the estimated error is more than the accuracy asked for, however often the time step was halved, or, "
-        f"at a given step, more than {SETTLED:.0%}",
-        "use a smaller dt or, for floors that rest on each other, the exact scheme; or ask for a larger relative error "
-        "(see unsettled_output, error_estimate)",
-    ),
-    (
-        "a storey fell: with P-Delta its drift passed its height, or no strength was left; the scenario ends at "
-        "that instant, and its values are those up to it: peaks and counts are lower bounds",
-        "see collapse_time and collapsed_storey; comparisons count the fallen building as beyond every level",
-    ),
-)
+#: How scenarios end, by the name of the status: what it means, and what to do.
+_ENDINGS = read_data("statuses.toml")
 
 
 class Status(IntEnum):
-    """How a scenario ended; its value in the cube, with what it means and what to do."""
+    """How a scenario ended; its value in the cube, with what ``data/statuses.toml`` says of it."""
 
     OK = 0
     DIVERGED = 1
@@ -280,17 +238,13 @@ class Status(IntEnum):
     COLLAPSED = 8
 
     def __init__(self, code: int) -> None:
-        self.meaning, self.remedy = _ENDINGS[code]
+        self.label = self.name.lower()  # in ``flag_meanings``
+        self.meaning, self.remedy = _ENDINGS[self.label].values()
         self.has_values = code not in (1, 4, 5)
-        #: Name in ``flag_meanings``.
-        self.label = self.name.lower()
 
 
 #: Every status, by rising value.
 STATUS: tuple[Status, ...] = tuple(Status)
-#: Where the result of a scenario is from, by the value of ``origin``.
-ORIGINS = ("run", "equal", "never_touches", "not_run")
-COPY, NEVER_TOUCHES, NOT_RUN = 1, 2, 3
 #: Those of scenarios that have values.
 WITH_VALUES = [int(status) for status in STATUS if status.has_values]
 #: Those of scenarios whose values are right, up to their fall if they end by one.
@@ -328,22 +282,6 @@ def _force_factors(results: KernelResults) -> np.ndarray:
     """Factors on forces of displacements, of each building, missing where the period varies but not its weight."""
     leans = np.array([building.p_delta for building in results.scene.buildings])
     return np.where(leans & (results.variants.period_factor != 1.0), np.nan, results.variants.stiffness_factors)
-
-
-def _moment(results: KernelResults) -> np.ndarray:
-    yields = [any(building.yields) for building in results.scene.buildings]
-    return np.where(yields, np.nan, results.slots["moment"] * _force_factors(results))
-
-
-def _ductility(results: KernelResults) -> np.ndarray:
-    limit = results.variants.yield_drifts
-    return np.asarray(results.slots["drift"] / np.where(np.isfinite(limit), limit, np.nan))
-
-
-def _roof_ratio(results: KernelResults) -> np.ndarray:
-    """Largest absolute displacement of each building's highest floor over its height."""
-    peaks = np.maximum(results.slots["umax"], -results.slots["umin"])[:, np.subtract(results.scene.offsets[1:], 1)]
-    return np.asarray(peaks / [building.elevations[-1] for building in results.scene.buildings])
 
 
 def _residual(results: KernelResults) -> np.ndarray:
@@ -452,12 +390,6 @@ def _closed_substep(group: Group) -> None:
         contact.tclosed += where(~(contact.mode == 0.0), group.state["h"], 0.0)
 
 
-#: Both ends of a range.
-_EXTREMES = (("displacement_max",), ("displacement_min",))
-#: Differences of larger energies: an undamped contact takes in no work in the end, however much passed through it.
-_EXCHANGED = (("energy_transfer_max",), ("energy_transfer_min",), ("contact_work",))
-
-
 def _work(results: KernelResults) -> np.ndarray:
     """Sum of the works of a pair's contacts."""
     works, taken = np.zeros((len(results), len(results.scene.pair_labels))), results.get("work", "contact")
@@ -474,121 +406,37 @@ def hysteretic(results: KernelResults) -> np.ndarray:
     return np.add.reduceat(lost, results.scene.offsets[:-1], axis=1)
 
 
-_floor = partial(Variable, per="floor", error="motions")
-_drift = partial(Variable, error="motions", unbounded=True)
-_yielding = partial(Variable, per="floor", error=UNMEASURED, of_yielding=True)
-_base = partial(Variable, per="base", error=UNMEASURED, only="foundations")
-_failing = partial(Variable, per="floor", error=UNMEASURED, of_yielding=True, only="fails")
-_collapse = partial(Variable, per="building", needs=["collapse"], error=UNMEASURED, only="falls")
-_contact = partial(Variable, per="contact", error="contacts")
-_energy = partial(Variable, per="building", error="energies")
-_of_cube = partial(Variable, always=True, of_cube=True)
-_TRANSFER = (
-    "what the building has given to its contacts: the integral of their forces on it times its floors' velocities, "
-    "equal to input - kinetic - damping - strain - lost in yielding - given to links"
-)
-#: What each output is exactly, in one sentence or two.
-DEFINITIONS = {
-    "displacement_max": "Largest signed displacement of the floor relative to the ground, positive to the right.",
-    "displacement_min": "Smallest signed displacement of the floor relative to the ground, negative to the left.",
-    "drift_max": "Largest absolute interstorey displacement |u_i - u_(i-1)|; of storey 1, relative to the ground; on "
-    "a foundation relative to it, and less what its rotation gives.",
-    "drift_ratio_max": "Largest absolute interstorey displacement, as of drift_max, over the storey's height.",
-    "roof_drift_ratio_max": "Largest absolute displacement of the building's highest floor relative to the ground, a "
-    "foundation's sway and rotation included, over the height of that floor.",
-    "storey_shear_max": "Largest absolute elastic storey force k |u_i - u_(i-1)|, of a storey that yields that of its"
-    " hysteresis, of a building by a stiffness matrix the sum of its forces on the floors above; dampers not included; "
-    "with P-Delta what the columns bear, the push of the weights included. Missing of a building by a stiffness matrix "
-    "with P-Delta whose period varies.",
-    "overturning_moment_max": "Largest absolute moment at the building's base of its storey shears over the storeys' "
-    "heights; missing where its storeys yield, or with P-Delta its period varies.",
-    "acceleration_max": "Largest absolute total acceleration of the floor (relative + ground); where the contact "
-    "force jumps at a touch, the limit just after it counts; where velocities jump, the jump itself does not.",
-    "ductility_max": "Largest absolute interstorey displacement over the yield drift Vy / k (ductility demand mu); "
-    "missing where a storey has no yield strength.",
-    "residual_drift": "Signed interstorey displacement at which the building comes to rest after the "
-    "record (RID, times the storey height): no storey shear is left. 0 where a storey has not yielded; missing where "
-    "it falls under the weight above it, and of storeys whose law does not tell, or that have several elements.",
-    "strength_left": "Largest shear that the storey may still bear after the run over that at first, of the direction "
-    "in which less is left: what its backbone reaches beyond its largest drift, as far as cycles have lowered it. 1 "
-    "where no strength was lost, 0 where all was; of several springs, infill among them, the mean by their yield "
-    "strengths.",
-    "infill_failure_time": "Time at which the storey's infill has lost all its strength for good; missing where it has "
-    "not, or there is none.",
-    "impact_force_max": "Largest contact force, pressing positive, 0 where the floors never touched; where the force "
-    "jumps at a touch, the limit just after it counts. Missing where floors touched under a law without a force "
-    "(velocities jump).",
-    "impact_count": "Number of onsets of contact until the row is at rest, the penetration d = u_left - u_right - gap "
-    "going from <= 0 to > 0.",
-    "penetration_max": "Largest positive penetration d = u_left - u_right - gap, 0 where the floors never touched. "
-    "Missing where floors touched under a law without a force (velocities jump).",
-    "impulse": "Time integral of the contact force until the row is at rest.",
-    "first_impact_time": "Time of the first onset of contact, 0 of floors without a gap that press each other from the "
-    "first point of the record on; missing where there was none.",
-    "approach_speed_max": "Largest rate of the penetration d at an onset of contact, 0 where the floors never touched.",
-    "contact_time": "Total time in contact until the row is at rest, from each onset to the release (d > 0), 0 where "
-    "the floors never touched; impulse over it is the mean contact force. Where velocities jump, the time that floors "
-    "rest on each other, which is rough where they are hardly pressed.",
-    "column_shear_bottom_max": "Largest shear that the contact force F brings into the struck columns between their "
-    "lower end and the struck point, N1 F with N1 = 1 - 3 xi^2 + 2 xi^3; that of the storey's drift comes on top. "
-    "Missing where floors meet.",
-    "column_shear_top_max": "Largest shear that the contact force F brings into the struck columns between the struck"
-    " point and their upper end, N2 F with N2 = 3 xi^2 - 2 xi^3; that of the storey's drift comes on top. Missing "
-    "where floors meet.",
-    "link_force_max": "Largest absolute force in the link of the left building's storey to its neighbour, spring and "
-    "dashpot together; missing where there is none.",
-    "foundation_sway_max": "Largest absolute displacement of the building's foundation relative to the ground; "
-    "missing where it has none. The sway spring's largest force is K_h times it.",
-    "foundation_rotation_max": "Largest absolute rotation of the building's foundation in its rocking; missing where "
-    "it has none. The rocking spring's largest moment is K_theta times it.",
-    "energy_input": "Energy put in by the ground until it is at rest, -int m ag v dt with v relative to the ground; "
-    "its foundation included.",
-    "energy_damping": "Energy lost in the building's own damping, dashpots and its foundation included, until it is at"
-    " rest, int v'Cv dt.",
-    "energy_kinetic": "Kinetic energy v'Mv/2 of the motion relative to the ground, at the last point of the record; "
-    "foundation included.",
-    "energy_held": "Energy that the building holds at the end of the run: at rest that of storeys that have yielded "
-    "unevenly, 0 where all is elastic; with rest = 0 kinetic and strain energy.",
-    "energy_strain": "Elastic strain energy u'Ku/2 at the last point of the record; of storeys that yield, hardening "
-    "k d^2/2 + (1 - hardening) k z^2/2 of the drift d and z = d - p. With P-Delta less what weights have given, "
-    "P d^2 / (2 h); springs of its foundation included.",
-    "hysteretic_energy": "Energy lost in yielding of the building's storeys until it is at rest, (1 - "
-    "hardening) int k z dp, z the drift less its plastic part p.",
-    "energy_links": "Energy that the building has given to its links until it is at rest, negative where it "
-    "has taken it; the sum over buildings is what the links' springs hold and their dashpots have lost.",
-    "energy_transfer_max": f"Largest value over time of the transfer, {_TRANSFER}.",
-    "energy_transfer_min": f"Smallest value over time of the transfer, {_TRANSFER}; negative where the building has "
-    "taken energy through its contacts.",
-    "contact_work": "Work the contacts of the pair took in until the row is at rest, int F d' dt.",
-    "closing_max": "Largest u_left - u_right; in a run without pounding, the gap that would just not be touched.",
-    "time_step": "Time step of the scenario; in every cube whose steps were chosen for an accuracy, scenario by "
-    "scenario.",
-    "error_estimate": "Largest relative difference of an output to a run at half the time step. Where an accuracy "
-    "chose the step it is in every cube: three times what the order of the scheme makes of the difference to a run at"
-    " twice the step, a fifth of it by the fourth order; that of a number of impacts is taken whole.",
-    "amplification": "Largest relative change of an output over that of gaps, contact stiffness and ground motion, by"
-    " a change of 1e-6 of each; the scenario is ill-conditioned where it is large.",
-    "collapse_time": "Time at which a storey of the building falls, its drift reaching its height under P-Delta or its "
-    "own springs having lost all strength, after the first point of the record; the scenario ends there. Missing where "
-    "the building stands.",
-    "collapsed_storey": "Storey of the building that falls first, from 1 at the bottom; 0 where the building stands.",
-    "status": "How the scenario ended; never missing. Only an ok scenario's values are to be trusted.",
-    "unsettled_output": "Output with the largest estimated error, where that makes the scenario unsettled. At a given "
-    "step, runs of floors that rest on each other (gap 0) are compared with half of it even if no error_estimate is "
-    "asked for, and their error is taken for twice the difference; exact flight needs none.",
-    "origin": "Where the result is from: run, a run of this scenario; equal, the run of one that differs only in what "
-    "its law ignores; never_touches, the run of the same buildings without pounding, as no gap closes in it; not_run: "
-    "there is none.",
-    "run": "Number of the run that answers the scenario, from 1 in the order of the cube; scenarios of one number "
-    "have one result, which counts once in statistics. 0: there is none.",
-    "energy_residual": "|sum of the buildings' transfers - sum of the contacts' works| at the end of the run, over the "
-    "largest absolute value among the energies of the balance (input, damping, held, yielding, contact work); what "
-    "links hold and lose counts as work.",
-    "steps_per_contact": "Time steps in the shortest contact, by the duration of an elastic contact of its stiffness,"
-    " effective mass and approach velocity; missing where nothing touched.",
+#: What makes the values of outputs that no slot of the kernel holds.
+SOURCES: dict[str, Callable[[KernelResults], np.ndarray]] = {
+    "drift_ratio_max": lambda results: results.slots["drift"] / results.variants.storey_heights,
+    "roof_drift_ratio_max": lambda results: (
+        np.maximum(results.slots["umax"], -results.slots["umin"])[:, np.subtract(results.scene.offsets[1:], 1)]
+        / [building.elevations[-1] for building in results.scene.buildings]
+    ),
+    "storey_shear_max": _shear,
+    "overturning_moment_max": lambda results: np.where(
+        [any(building.yields) for building in results.scene.buildings],
+        np.nan,
+        results.slots["moment"] * _force_factors(results),
+    ),
+    "ductility_max": lambda results: (
+        results.slots["drift"] / np.where(np.isfinite(dy := results.variants.yield_drifts), dy, np.nan)
+    ),
+    "residual_drift": _residual,
+    "strength_left": _strength_left,
+    "infill_failure_time": _infill_failure,
+    "first_impact_time": _first_time,
+    "column_shear_bottom_max": partial(_column_shear, end=0),
+    "column_shear_top_max": partial(_column_shear, end=1),
+    "hysteretic_energy": hysteretic,
+    "contact_work": _work,
+    "collapse_time": partial(_first_fall, of_time=True),
+    "collapsed_storey": partial(_first_fall, of_time=False),
+    "time_step": lambda results: np.full(len(results), results.step),
+    "energy_residual": _energy_residual,
+    "steps_per_contact": lambda results: np.fmin.reduce(results.steps_by_law, axis=1),
 }
-#: Names by the value of ``unsettled_output``.
-OUTPUT_NAMES = ("none", *DEFINITIONS)
+
 #: Every reducer by name, in the order in which their slots lie.
 REDUCERS: dict[str, Reducer] = {
     reducer.name: reducer
@@ -682,137 +530,16 @@ REDUCERS: dict[str, Reducer] = {
 }
 #: Name of the reducer that has a slot.
 REDUCER_OF: dict[Any, str] = {slot.name: reducer.name for reducer in REDUCERS.values() for slot in reducer.slots}
-#: Every output, in the order in which cubes and tables list them.
-_VARIABLES = (
-    _floor("displacement_max", "m", "largest floor displacement", "umax", relative_to=_EXTREMES, default=True),
-    _floor("displacement_min", "m", "smallest floor displacement", "umin", relative_to=_EXTREMES, default=True),
-    _drift("drift_max", "m", "largest interstorey drift", "drift", "floor", default=True),
-    _drift(
-        "drift_ratio_max",
-        "1",
-        "largest interstorey drift ratio",
-        lambda results: results.slots["drift"] / results.variants.storey_heights,
-        "floor",
-        ["drift"],
-    ),
-    _drift("roof_drift_ratio_max", "1", "largest roof drift ratio", _roof_ratio, "building", ["displacement"]),
-    _floor("storey_shear_max", "kN", "largest storey shear", _shear, needs=["drift", "shear"], default=True),
-    Variable(
-        "overturning_moment_max",
-        "kN m",
-        "largest overturning moment",
-        _moment,
-        per="building",
-        needs=["moment"],
-        error="motions",
-    ),
-    _floor("acceleration_max", "m s-2", "largest total floor acceleration", "acc", error="contacts"),
-    _yielding("ductility_max", "1", "largest storey ductility", _ductility, needs=["drift"], unbounded=True),
-    _yielding(
-        "residual_drift", "m", "residual interstorey drift", _residual, needs=["residual"], relative_to=[("drift_max",)]
-    ),
-    _failing("strength_left", "1", "strength left", _strength_left, needs=["strength"]),
-    _failing("infill_failure_time", "s", "time at which infill fails", _infill_failure, needs=["failure"], least=0.01),
-    _contact("impact_force_max", "kN", "largest contact force", "fmax", of_force=True, default=True),
-    _contact("impact_count", "1", "number of impacts", "count", dtype="i4", default=True),
-    _contact("penetration_max", "m", "largest penetration", "dmax", of_force=True, default=True),
-    _contact("impulse", "kN s", "impulse of the contact force", "impulse"),
-    _contact(
-        "first_impact_time",
-        "s",
-        "time of the first impact",
-        _first_time,
-        needs=["first_time"],
-        least=0.01,
-        default=True,
-    ),
-    _contact("approach_speed_max", "m s-1", "largest approach speed", "vmax", least=0.0001),
-    _contact("contact_time", "s", "time in contact", "tclosed", error=UNMEASURED),
-    *(
-        _contact(
-            f"column_shear_{end}_max",
-            "kN",
-            f"largest shear of struck columns, {side}",
-            partial(_column_shear, end=i),
-            needs=["force"],
-            error=UNMEASURED,
-            only="columns",
-        )
-        for i, (end, side) in enumerate((("bottom", "below"), ("top", "above")))
-    ),
-    Variable("link_force_max", "kN", "largest link force", "link_force", error=UNMEASURED, only="links", per="link"),
-    _base("foundation_sway_max", "m", "largest sway of the foundation", "sway"),
-    _base("foundation_rotation_max", "rad", "largest rotation of the foundation", "rotation"),
-    _energy("energy_input", "kN m", "energy input", "e_in"),
-    _energy("energy_damping", "kN m", "energy lost in damping", "e_damp"),
-    _energy("energy_kinetic", "kN m", "kinetic energy at the end of the record", "e_kin"),
-    _energy("energy_strain", "kN m", "strain energy at the end of the record", "e_strain"),
-    _energy("energy_held", "kN m", "energy held at the end of the run", "e_held", relative_to=[("energy_input",)]),
-    _energy(
-        "hysteretic_energy",
-        "kN m",
-        "energy lost in yielding",
-        hysteretic,
-        needs=["hysteretic"],
-        error=UNMEASURED,
-        of_yielding=True,
-    ),
-    _energy(
-        "energy_links",
-        "kN m",
-        "energy given to links",
-        "e_link",
-        error=UNMEASURED,
-        relative_to=[("energy_input",)],
-        only="links",
-    ),
-    _energy("energy_transfer_max", "kN m", "largest energy transfer", "tmax", relative_to=_EXCHANGED),
-    _energy("energy_transfer_min", "kN m", "smallest energy transfer", "tmin", relative_to=_EXCHANGED),
-    _energy(
-        "contact_work",
-        "kN m",
-        "work taken by contacts",
-        _work,
-        needs=["work"],
-        relative_to=(*_EXCHANGED, ("impact_force_max", "penetration_max"), ("impulse", "approach_speed_max")),
-        per="pair",
-    ),
-    _collapse("collapse_time", "s", "time at which the building falls", partial(_first_fall, of_time=True), least=0.01),
-    _collapse("collapsed_storey", "1", "storey that falls", partial(_first_fall, of_time=False), dtype="i4"),
-    Variable("closing_max", "m", "largest closing displacement", "closing", error="motions", per="contact"),
-    Variable("time_step", "s", "time step", lambda results: np.full(len(results), results.step)),
-    Variable("error_estimate", "1", "estimated relative error"),
-    Variable("amplification", "1", "amplification of small changes"),
-    Variable(
-        "status",
-        "1",
-        "status of the scenario",
-        dtype="i1",
-        always=True,
-        flag_meanings=" ".join(s.label for s in Status),
-    ),
-    Variable(
-        "unsettled_output", "1", "unsettled output", dtype="i1", always=True, flag_meanings=" ".join(OUTPUT_NAMES)
-    ),
-    _of_cube("origin", "1", "origin of the result", dtype="i1", flag_meanings=" ".join(ORIGINS)),
-    _of_cube("run", "1", "number of the run", dtype="i4"),
-    Variable(
-        "energy_residual",
-        "1",
-        "relative residual of the energy balance",
-        _energy_residual,
-        needs=["energy", "hysteretic", "links", "work"],
-    ),
-    Variable(
-        "steps_per_contact",
-        "1",
-        "time steps in the shortest contact",
-        lambda results: np.fmin.reduce(results.steps_by_law, axis=1),
-        always=True,
-    ),
-)
-#: Every output by name.
-VARIABLES: dict[str, Variable] = {each.name: each for each in _VARIABLES}
+_OUTPUTS = read_data("outputs.toml")
+#: Names by the value of ``unsettled_output``.
+OUTPUT_NAMES = ("none", *_OUTPUTS)
+_OUTPUTS["status"]["flag_meanings"] = " ".join(status.label for status in Status)
+_OUTPUTS["unsettled_output"]["flag_meanings"] = " ".join(OUTPUT_NAMES)
+#: Every output by name, in the order in which cubes and tables list them.
+VARIABLES: dict[str, Variable] = {name: Variable(name, **about) for name, about in _OUTPUTS.items()}
+#: Where the result of a scenario is from, by the value of ``origin``.
+ORIGINS = tuple(VARIABLES["origin"].flag_meanings.split())
+COPY, NEVER_TOUCHES, NOT_RUN = 1, 2, 3
 
 #: What a sweep reports where its ``outputs`` are not given.
 DEFAULT_OUTPUTS: tuple[str, ...] = tuple(name for name, variable in VARIABLES.items() if variable.default)
