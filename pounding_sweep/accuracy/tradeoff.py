@@ -436,10 +436,8 @@ def tradeoff(
         The sweep, whose own setting is measured too.
     steps : iterable of float
         Largest time steps (s); of those that cut a record alike, one is kept.
-    methods : iterable of str
-        Schemes, out of `pounding_sweep.schemes.SCHEMES`.
-    located, precisions : iterable of bool and of str
-        With contacts located inside the step, without, or both; number formats, out of "float64" and "float32".
+    methods, located, precisions : iterable of str, of bool and of str
+        Schemes; with contacts located inside the step, without, or both; number formats.
     accuracies : iterable of float
         Relative errors for which scheme and steps are chosen.
     scenarios, seed : int
@@ -453,8 +451,8 @@ def tradeoff(
     -------
     xarray.Dataset
         ``error`` on (setting, output, population, statistic), ``cost`` (s per thousand scenarios), ``status_count``,
-        ``pareto``, the same by law, and the errors of every single scenario. Coordinates tell what a setting is; one
-        that a run refuses is left out. Machine, sweep and its ``own_setting`` are attributes.
+        ``pareto``, the same by law, and the errors of every scenario. A setting that a run refuses is left out.
+        Machine, sweep and its ``own_setting`` are attributes.
 
     Raises
     ------

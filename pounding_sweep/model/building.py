@@ -87,16 +87,11 @@ class Foundation:
     mass : float
         Mass (t) of the base.
     inertia : float
-        Mass moment of inertia (t m2) of the base about its own centre, and of the floors about theirs: their masses at
-        their elevations are not part of it.
-    sway_stiffness : float
-        Stiffness K_h (kN/m) of the soil against sway.
-    rocking_stiffness : float
-        Stiffness K_theta (kN m/rad) of the soil against rocking.
-    sway_damping : float
-        Coefficient c_h (kN s/m) of the soil's dashpot against sway, of its material and of radiation.
-    rocking_damping : float
-        Coefficient c_theta (kN m s/rad) of that against rocking.
+        Mass moment of inertia (t m2) of the base about its own centre, and of the floors about theirs.
+    sway_stiffness, rocking_stiffness : float
+        Stiffness K_h (kN/m) of the soil against sway, and K_theta (kN m/rad) against rocking.
+    sway_damping, rocking_damping : float
+        Coefficient c_h (kN s/m) of the soil's dashpot against sway, and c_theta (kN m s/rad) against rocking.
 
     Raises
     ------
@@ -183,43 +178,36 @@ class Building:
     storey_heights : float or sequence of float, optional
         Storey heights (m), 3 m each where not given.
     yield_strengths : float or sequence of float, optional
-        Storey shears (kN) at first yield, bottom first; infinite where a storey never yields. A building without them
-        is elastic.
+        Storey shears (kN) at first yield, bottom first; infinite where a storey never yields, as all do by default.
     hardening : float or sequence of float
-        Stiffness of a storey that yields over its elastic one, in [0, 1). One number for all storeys, or one per
-        storey, bottom first.
+        Stiffness of a storey that yields over its elastic one, in [0, 1).
     damping_stiffness : {"initial", "tangent"}
         Stiffness that Rayleigh damping follows in storeys that yield.
     slab_depths : float or sequence of float, optional
-        Depths of the floors' slabs (m), from the floor's elevation down, each less than its
-        storey's height; 0 where not given. Floors of neighbours meet where their slabs overlap.
+        Depths of the floors' slabs (m), from the floor's elevation down, each less than its storey's height; 0 where
+        not given. Floors of neighbours meet where their slabs overlap.
     column_stiffnesses : float or sequence of float, optional
-        Lateral stiffnesses 12 E I / L^3 (kN/m) of those columns of each storey that a
-        neighbour's floor strikes; those of the storeys where not given.
+        Lateral stiffnesses 12 E I / L^3 (kN/m) of those columns of each storey that a neighbour's floor strikes; those
+        of the storeys where not given.
     p_delta : bool
         Weights above a storey act on its drift: its lateral stiffness is less by P / h, of the weight P = m g above it
-        (kN) and its height h. Periods, modes and Rayleigh damping are those of the building under its weight.
+        (kN) and its height h, also in periods, modes and Rayleigh damping.
     hysteresis : mapping or sequence of mapping, optional
         Law of the storeys that yield and its parameters, ``{"law": "bouc_wen", "n": 2.0}``; bilinear with kinematic
         hardening where not given. Several are elements of each such storey side by side, which share its stiffness and
         strength by their ``stiffness_share`` and ``strength_share``.
     infill : Infill or mapping, optional
-        A second spring of each storey beside its own, with a stiffness, strength and law of its own. Periods, modes and
-        Rayleigh damping are those of both.
+        A second spring of each storey beside its own, also in periods, modes and Rayleigh damping.
     dashpots : float or sequence of float, optional
-        Coefficients (kN s/m) of dashpots between each floor and the one below (the ground), bottom first, beside
-        Rayleigh's damping; zero where a storey has none.
+        Coefficients (kN s/m) of dashpots between each floor and the one below (the ground), beside Rayleigh's damping.
     foundation : Foundation or mapping, optional
         What the building stands on, free to sway and to rock; fixed to the ground where not given. Rayleigh damping is
-        that of the building on a fixed base, and acts on its motion relative to the base; periods and modes are those
-        of both together.
+        that of the building on a fixed base, and acts on its motion relative to the base.
     base_elevation : float
-        Elevation (m) of the building's base above the datum of the row, below 0 for one that is deeper: floors of
-        neighbours meet where their elevations above that datum agree.
+        Elevation (m) of the building's base above the datum of the row, below 0 for one that is deeper.
     stiffness_matrix : array_like or str, optional
         Lateral stiffness matrix (kN/m) of the floors on a fixed base, bottom first, without P-Delta, in place of
-        `stiffnesses`; or a file of its rows, numbers between commas. Such a building is linear. Struck columns
-        need `column_stiffnesses`.
+        `stiffnesses`; or a file of its rows, numbers between commas. Such a building is linear.
     modal_damping : float or sequence of float, optional
         Damping ratio of all modes on a fixed base, or of each, slowest first, in place of Rayleigh damping.
     damping_matrix : array_like or str, optional
@@ -230,9 +218,7 @@ class Building:
     Raises
     ------
     SceneError
-        A value is out of range, the lists differ in length, `hardening` is outside [0, 1), with `p_delta` a storey
-        does not stand under the weight above it, or it comes with a `foundation`; a matrix is not symmetric and
-        positive definite, or comes with storeys that yield.
+        A value is out of range, lists differ in length, parts exclude each other, or the building does not stand.
 
     Examples
     --------

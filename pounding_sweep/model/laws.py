@@ -1,25 +1,17 @@
 """Contact laws: what a law is, the registry in ``data/laws.toml``, laws of a user's own, and their damping.
 
-A law gives the contact force of one pair of floors while their penetration ``d`` (m) is positive, an elastic part plus
-a damper, ``v`` the rate of ``d`` (m/s):
-
-    F = E(d) + B(d) v,                                   kN, pressing positive
-
-Both are text, compiled into the kernels, in the penetration ``d`` (m), its root ``r``, the contact stiffness ``k`` and
-the damping coefficient ``c`` of the contact; the slopes dE/dd and dB/dd stand beside them. The damping coefficient
-follows from the coefficient of restitution ``e`` through one dimensionless damping number per law:
+While the penetration ``d`` (m) of two floors is positive, they press each other by F = E(d) + B(d) v (kN), ``v`` the
+rate of ``d`` (m/s). E and B are text, compiled into the kernels, in ``d``, its root ``r``, the contact stiffness ``k``
+and the damping coefficient ``c``, which follows from the restitution ``e`` by one dimensionless number per law:
 
     c = 2 * number * sqrt(k m)     (``viscous``)
     c = number * k / v0            (``elastic``: the damper is a share of E)
     c = number                     (``jump``: no force in an impact, velocities jump, v -> -c v)
     c = number                     (``yield``: the share of the energy that is lost)
 
-with the pair's effective mass m = m1 m2 / (m1 + m2) (t) and the approach velocity v0 (m/s) at the located touch.
-
-A law that yields has memory: its force is that of a spring beside another one that slips, F = K2 d + q, q' = (K1 - K2)
-v between 0 and a yield force that, like K1 and K2, follows at the touch from k, v0 and m. As long as it neither begins
-nor ends to slip the force is a straight line in d; its expressions are those of that line, k and c its slope and its
-force at d = 0.
+with the effective mass m = m1 m2 / (m1 + m2) (t) and the approach velocity v0 (m/s) at the located touch. A law that
+yields has memory: a spring beside another one that slips, F = K2 d + q, q' = (K1 - K2) v between 0 and a yield force,
+which like K1 and K2 follow at the touch from k, v0 and m. Its expressions are those of its present straight line.
 """
 
 from __future__ import annotations
@@ -55,8 +47,7 @@ SOLVED = "solved"
 class Law:
     """One contact law: expressions, parameters, validity and source.
 
-    A law of one's own needs ``key`` and ``exponent``; with damping ``damper`` and ``damping`` too. What else is left
-    out follows from these.
+    A law of one's own needs ``key`` and ``exponent``; with damping ``damper`` and ``damping`` too.
 
     Attributes
     ----------
@@ -64,14 +55,8 @@ class Law:
         Name in sweeps, cubes and on the command line.
     exponent : float or None
         Power of the penetration in E, as it begins; the contact stiffness is in kN/m**exponent. None: no force.
-    title : str
-        What the field calls it.
-    model : str
-        Number in Mate, Bakre & Jaiswal (2015), or ``"-"``.
-    formula : str
-        The whole law as text.
-    reference : str
-        Source.
+    title, model, formula, reference : str
+        What the field calls it, its number in Mate, Bakre & Jaiswal (2015), the whole law as text, and its source.
     elastic, elastic_slope : str
         E(d) (kN) and dE/dd (kN/m) in the variables of this module; k d**exponent, and the derivative of E.
     damper, damper_slope : str
@@ -80,11 +65,9 @@ class Law:
         Power of the penetration in B, as it begins; follows from `damper`.
     damping : {"none", "viscous", "elastic", "jump", "yield"}
         How the damping number becomes the coefficient ``c``.
-    number : str or None
-        Damping number (dimensionless), a formula of e such as ``"1.5*(1 - e)"``; or ``"solved"``, as without any: the
-        number with which two free masses rebound at exactly e.
-    number_text : str
-        The same as text, with its usual symbol.
+    number, number_text : str or None
+        Damping number (dimensionless), a formula of e such as ``"1.5*(1 - e)"``, and as text with its usual symbol;
+        ``"solved"``, as without any: the number with which two free masses rebound at exactly e.
     relation : str
         Key of `pounding_sweep.model.rebound.RELATIONS`: what restitution the damping really gives.
     relation_factor : float
@@ -200,35 +183,7 @@ class Law:
             _check_realisable(self, e)
 
     def damping_coefficient(self, e: Any, k: Any, m: Any, basis: str = "published") -> np.ndarray:
-        """Coefficient ``c`` of the damper, times v0 where ``damping`` is "elastic".
-
-        Parameters
-        ----------
-        e : array_like
-            Coefficient of restitution (dimensionless); ignored by laws without damping.
-        k : array_like
-            Contact stiffness (kN/m**exponent).
-        m : array_like
-            Effective mass of the pair (t).
-        basis : {"published", "realised"}
-            Whether damping follows from `e` by the published formula, or so that two free masses rebound at just `e`.
-
-        Returns
-        -------
-        ndarray
-            c (broadcast of the arguments); zero for a law without damping.
-
-        Raises
-        ------
-        LawError
-            The basis is unknown, or no finite damping realises `e`.
-
-        Examples
-        --------
-        >>> c = get_law("kelvin_voigt").damping_coefficient(0.6, 2e6, 87.25)
-        >>> round(float(c), 1)
-        4240.2
-        """
+        """Coefficient ``c`` of the damper (``damping`` "elastic": times v0), of stiffness (kN/m**n) and mass (t)."""
         shape = np.ones(np.broadcast_shapes(np.shape(k), np.shape(m)))
         if self.number is None:
             return 0.0 * shape
@@ -466,10 +421,8 @@ def rubber_bumper(
 ) -> Law:
     """Return the contact law of rubber bumpers between the floors of neighbours.
 
-    A bumper fills part of the gap, so that floors meet its thickness earlier. On approach F = k d^n, d its compression,
-    as far as the share `limit` of its thickness, and from there on a straight line; on rebound this force times (1 + D
-    v / v0), by which it is lost what a collision takes. D is such that two free masses rebound at exactly the
-    coefficient of restitution, whatever the speed and the thickness.
+    On approach F = k d^n, d the compression, as far as the share `limit` of the thickness, and from there on a straight
+    line; on rebound this force times (1 + D v / v0), D such that two free masses rebound at exactly the restitution.
 
     Parameters
     ----------
@@ -487,11 +440,6 @@ def rubber_bumper(
     stop : float
         Slope of that line over the slope of the rubber where it begins, 1 or more.
 
-    Returns
-    -------
-    Law
-        A law that sweeps and `simulate` take in the place of a key of the registry.
-
     Raises
     ------
     LawError
@@ -499,9 +447,8 @@ def rubber_bumper(
 
     References
     ----------
-    Polycarpou, Komodromos & Polycarpou (2013), Earthquake Eng. Struct. Dyn. 42(1), 81-100: the
-    publication was not at hand, its abstract only. The form of the force and the exponent are from memory,
-    and the damping is not the published one; see the page on theory.
+    Polycarpou, Komodromos & Polycarpou (2013), Earthquake Eng. Struct. Dyn. 42(1), 81-100. Only the abstract was at
+    hand: the form of the force and the exponent are from memory, the damping is another one; see the page on theory.
 
     Examples
     --------
@@ -542,10 +489,10 @@ def hertz_stiffness(
     density: Positive = 2.5,
     radii: Annotated[tuple[Positive, Positive], faults.Listed] | None = None,
 ) -> float:
-    """Hertz contact stiffness of two spheres (kN/m^1.5).
+    """Hertz contact stiffness of two spheres (kN/m^1.5): 4 / (3 pi (h1 + h2)) sqrt(R1 R2 / (R1 + R2)).
 
     Equations 9 to 11 of Mate, Bakre & Jaiswal (2015), corrected: the radius is the *cube* root of the sphere's volume
-    relation, and the material term has 1 - nu**2 (Goldsmith 1960).
+    relation, and the material term is h = (1 - nu**2) / (pi E) (Goldsmith 1960).
 
     Parameters
     ----------
@@ -559,11 +506,6 @@ def hertz_stiffness(
         t/m3.
     radii : tuple of float, optional
         The two radii (m), given instead of masses.
-
-    Returns
-    -------
-    float
-        4 / (3 pi (h1 + h2)) sqrt(R1 R2 / (R1 + R2)), h = (1 - nu**2) / (pi E).
 
     Raises
     ------
@@ -609,7 +551,7 @@ def _check_realisable(law: Law, e: float) -> None:
 
 
 def realised_number(law: Law, e: Any) -> np.ndarray:
-    """Damping number with which two free masses rebound at exactly `e`.
+    """Damping number with which two free masses rebound at exactly `e`; relative error below 1e-12.
 
     Parameters
     ----------
@@ -621,8 +563,7 @@ def realised_number(law: Law, e: Any) -> np.ndarray:
     Returns
     -------
     ndarray
-        The law's damping number (dimensionless; what `Law.number` gives as published), shape of `e`; exactly 0 at
-        e = 1. Relative error below 1e-12. Zero for laws without damping; `e` itself for a velocity jump.
+        Shape of `e`, dimensionless; zero for laws without damping, `e` itself for a velocity jump.
 
     Raises
     ------
@@ -673,8 +614,7 @@ def realised_restitution(law: Law, e: Any, basis: str = "published") -> np.ndarr
     Returns
     -------
     ndarray
-        Shape of `e`; 1 for laws without damping, NaN where floors don't touch and for a damped law whose relation is
-        not known.
+        Shape of `e`; 1 for laws without damping, NaN without contact or where the relation is not known.
 
     Raises
     ------

@@ -33,17 +33,7 @@ PRESETS: dict[str, Preset] = {
 
 
 def get_preset(name: str) -> Scene:
-    """Return the scene of that name.
-
-    Parameters
-    ----------
-    name : str
-        A key of `PRESETS`.
-
-    Returns
-    -------
-    Scene
-        Masses in t, stiffnesses in kN/m, lengths in m.
+    """Return the scene of a name, a key of `PRESETS`.
 
     Raises
     ------
@@ -73,9 +63,9 @@ def base_isolated(
 ) -> Building:
     """Put an elastic building on isolators: a first storey that yields, with a dashpot.
 
-    The isolators' shear is bilinear: the characteristic strength at no displacement, and a stiffness that gives
-    the whole mass the isolation period. The building's damping becomes that of dashpots in its storeys, by the first
-    mode on a fixed base: Rayleigh's would damp the isolators as well.
+    The isolators' shear is bilinear: the characteristic strength at no displacement, and a stiffness that gives the
+    whole mass the isolation period. Dashpots in the storeys take the place of the building's damping, by the first mode
+    on a fixed base: Rayleigh's would damp the isolators as well.
 
     Parameters
     ----------
@@ -94,11 +84,6 @@ def base_isolated(
     height : float
         Height of the isolators' storey (m).
 
-    Returns
-    -------
-    Building
-        Of one storey more, the isolators' the first.
-
     Raises
     ------
     SceneError
@@ -106,8 +91,7 @@ def base_isolated(
 
     References
     ----------
-    Naeim & Kelly 1999, Design of Seismic Isolated Structures, Wiley. Ryan & Polanco 2008, Journal of Structural
-    Engineering 134(11).
+    Naeim & Kelly (1999), Design of Seismic Isolated Structures, Wiley. Ryan & Polanco (2008), J. Struct. Eng. 134(11).
 
     Examples
     --------

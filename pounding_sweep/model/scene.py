@@ -58,10 +58,8 @@ class ContactProperties:
 
     Parameters
     ----------
-    linear_stiffness : float, optional
-        For laws with force ~ d (kN/m).
-    hertz_stiffness : float, optional
-        For laws with force ~ d^1.5 (kN/m^1.5); see `pounding_sweep.hertz_stiffness`.
+    linear_stiffness, hertz_stiffness : float, optional
+        For laws with force ~ d (kN/m), and ~ d^1.5 (kN/m^1.5); see `pounding_sweep.hertz_stiffness`.
     restitution : float, optional
         Coefficient of restitution where a sweep gives none.
 
@@ -242,10 +240,10 @@ class Bumper:
 class Restrainer(Bumper):
     """Links between floors of two neighbours, or a floor and a wall, that act in tension only, beyond a slack.
 
-    Cables of a bridge have a slack in tension, a key in its keyway on both sides. In results each side has a label of
-    its own along ``pair``, "NAME in tension" and "NAME in compression": the force of a link is ``impact_force_max``,
-    its stretch beyond the slack ``penetration_max``. As bumpers do, restrainers keep their law in every scenario, and
-    do not act under the law "none".
+    Cables of a bridge have a slack in tension, a key in its keyway on both sides: each is a label of its own along
+    ``pair``, "NAME in tension" and "NAME in compression", with its force in ``impact_force_max`` and its stretch beyond
+    the slack in ``penetration_max``. Like bumpers they keep their law in every scenario, and do not act under the law
+    "none".
 
     Parameters
     ----------
@@ -312,9 +310,8 @@ class Scene:
         What can meet: level floors, or also a floor and the columns of the neighbour's storey that it
         stands before. As an attribute: all contacts, pair by pair, bottom first.
     storeys : mapping of str to sequence of int, optional
-        Pairs, by their names, that meet at these storeys alone, as results number them; the
-        others meet wherever they can. A moat wall may meet an isolated first floor only. Of
-        columns, the storeys are those of the floors that strike them.
+        Pairs, by their names, that meet at these storeys alone, as results number them; of columns, those of the floors
+        that strike them.
     allow_unmet : bool
         Accept pairs with no floors that meet, which pass through each other.
     links : sequence of Link, optional
@@ -327,9 +324,8 @@ class Scene:
     Raises
     ------
     SceneError
-        No building, a wall inside the row, names that repeat, a wrong number of gaps, a gap below zero, a pair with no
-        floors that meet, a floor that is level with several of a neighbour, a storey named that meets nothing, a link
-        to a floor that is not there, or bumpers where no floors meet.
+        No building, a wall inside the row, names that repeat, a wrong number of gaps, a pair with no floors that meet,
+        or a part at a floor or storey that is not there.
 
     Examples
     --------

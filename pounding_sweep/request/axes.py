@@ -289,8 +289,7 @@ DIMENSIONS = {
 class Range:
     """Evenly spaced values of an axis, expanded only once the sweep's size is known.
 
-    Values are rounded to 12 significant digits (of the larger end, where the spacing is linear), so that 0.002 to 0.024
-    in 12 values holds 0.006 itself; the ends are exact.
+    Values are rounded to 12 significant digits, so that 0.002 to 0.024 in 12 values holds 0.006; the ends are exact.
 
     Parameters
     ----------
@@ -384,30 +383,24 @@ class Case:
         Contact law.
     gap : float or tuple of float, optional
         Gap of every pair, or one per pair (m); the scene's own where not given.
-    stiffness : float, optional
-        Contact stiffness (kN/m**exponent of the law).
-    stiffness_factor : float, optional
-        Factor on the scene's reference stiffness instead; 1 where neither is given.
+    stiffness, stiffness_factor : float, optional
+        Contact stiffness (kN/m**exponent of the law), or a factor on the scene's reference; the factor 1 by default.
     restitution : float, optional
         Coefficient of restitution; the scene's where not given.
     record : str, optional
         Name of one of the sweep's records; needed where it has more than one.
     scale : float
         Factor on the record.
+    pga, sa : float, optional
+        Peak ground acceleration, or spectral acceleration at the sweep's `sa_period` (m/s2), instead of `scale`.
+    damping_ratio, ductility : float, optional
+        Damping ratio of all buildings; largest storey ductility for which `strength_factors` are found.
     period_factors, mass_factors, strength_factors, hardenings : mapping of str to float
-        Factors on periods, masses and yield strengths of buildings, and hardening, by name; their own for others.
+        Of buildings by name; their own for others.
     ductility_capacity_factors, deterioration_factors : mapping of str to float
         Factors on drifts at which strength is lost, and on reference drifts of deterioration, by name.
-    damping_ratio : float, optional
-        Damping ratio of all buildings; their own where not given.
-    pga, sa : float, optional
-        Peak ground acceleration, or spectral acceleration at the sweep's `sa_period` (m/s2), that the record is scaled
-        to, instead of `scale`.
-    ductility : float, optional
-        Largest storey ductility for which the factors on strengths are found, where `strength_factors` gives none.
     pair_gaps, pair_restitutions, pair_stiffness_factors : mapping of str to float
-        Gaps (m) and restitutions of pairs by name, in place of `gap` and `restitution`, and factors on the contact
-        stiffness of pairs.
+        Of pairs by name: in place of `gap` (m) and `restitution`, and factors on the contact stiffness.
 
     Examples
     --------

@@ -793,9 +793,8 @@ def build_spec(**arguments: Any) -> SweepSpec:
     cases : iterable of Case or dict, optional
         Listed scenarios instead of laws and axes.
     design : dict, optional
-        Inputs drawn from distributions, instead of axes over them: ``kind`` and ``samples``, ``seed`` (0 by default)
-        and ``inputs``, a table by the name of an axis (see `pounding_sweep.request.design`). Each point is run with
-        each law, each record and each value of the other axes.
+        Inputs drawn from distributions, instead of axes over them: ``kind``, ``samples``, ``seed`` and ``inputs``, a
+        table by the name of an axis. Each point is run with each law, record and value of the other axes.
     method : str, optional
         Time-stepping scheme, one of `pounding_sweep.schemes.SCHEMES`; by default the cheapest that reaches `accuracy`,
         at a step `dt` "exact" where the row allows it, else "rk4".
@@ -805,8 +804,7 @@ def build_spec(**arguments: Any) -> SweepSpec:
         Split steps where a pair touches or separates.
     rest : "auto" or float
         How long (s) the run goes on after the last point of the record: "auto", until no peak that is reported can
-        grow and no pair can touch (see the theory), 0 not at all. In the first record step of it the ground comes to
-        rest.
+        grow and no pair can touch, 0 not at all.
     outputs : str or several, optional
         Variables; "default" (as by default), "all", or names, "default" among them or not.
     beta, gamma : float, optional
@@ -821,12 +819,10 @@ def build_spec(**arguments: Any) -> SweepSpec:
         Whether damping follows from the restitution by each law's published formula, or so that two free masses
         rebound at exactly it.
     accuracy : float, optional
-        Relative error asked for, 1e-6 to 1e-2, instead of a step; 1e-3 by default where neither `method` nor `dt` is
-        given. Where that cannot be kept (``locate=False``, a row or a law without measured errors), the default is a
-        step of 1e-3 s.
+        Relative error asked for, 1e-6 to 1e-1, instead of a step; 1e-3 by default without `method` and `dt`. Where that
+        cannot be kept (``locate=False``, a row or a law without measured errors), the default is a step of 1e-3 s.
     audit : float
-        Share of the cost of a sweep at a fixed step, in [0, 1], spent on comparing a sample of its scenarios with
-        finer runs, to measure their error; 0 for none.
+        Share of the cost of a sweep at a fixed step, in [0, 1], spent on comparing some scenarios with finer runs.
     sa_period : float, optional
         Period (s) at which the spectral accelerations `sas` are meant; needed with them.
     folders : path or several, optional
@@ -834,8 +830,7 @@ def build_spec(**arguments: Any) -> SweepSpec:
     base : path, optional
         Folder that relative record paths start from.
     skip_missing_records : bool
-        Go on without the records that are not found, with a warning for each, as long as one is left. A file that is
-        found but can't be read is always an error.
+        Go on without the records that are not found, with a warning for each, as long as one is left.
 
     Returns
     -------

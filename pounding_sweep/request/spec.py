@@ -259,19 +259,7 @@ def step_fault(record: Record, per_interval: float) -> str:
 
 
 def overview(scene: Scene) -> list[tuple[str, str]]:
-    """Describe a row: names of buildings and pairs, and of each what is to be known before anything is run.
-
-    Examples
-    --------
-    >>> from pounding_sweep.model.building import Building
-    >>> from pounding_sweep.model.scene import Restrainer, Scene
-    >>> a, b = Building("a", [100.0] * 2, [1e5] * 2), Building("b", [80.0] * 2, [2e5] * 2, storey_heights=[3.0, 4.0])
-    >>> for name, text in overview(Scene([a, b], [0.01])):
-    ...     print(f"{name}: {text}")
-    a: 2 storeys, 6 m high, periods 0.321, 0.123 s, weight 1962 kN
-    b: 2 storeys, 7 m high, periods 0.203, 0.0777 s, weight 1570 kN
-    a-b: floors meet at 3 m; a passes through columns of b at 6 m
-    """
+    """Describe a row: names of buildings and pairs, and of each what is to be known before anything is run."""
     lines = [(item.name, _building(item)) for item in scene.buildings]
     systems = zip(scene.linked_buildings, variants_of(scene).systems, strict=True) if scene.links else ()
     for group, (frequencies, _) in systems:

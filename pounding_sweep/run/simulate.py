@@ -263,15 +263,13 @@ def simulate_one(
         See `pounding_sweep.simulate`.
     **choice
         In place of the values of `scenario_of`: ``law``, ``gap`` (m; of all pairs, or one per pair), ``stiffness``
-        (kN/m**exponent) or ``stiffness_factor``, ``restitution``, ``record`` (a name of the sweep's), ``scale`` or
-        ``pga`` (m/s2), and properties of buildings and pairs by their dimension in a cube, such as
-        ``period_factor_left`` and ``gap_left_right``.
+        (kN/m**exponent) or ``stiffness_factor``, ``restitution``, ``record``, ``scale`` or ``pga`` (m/s2), and
+        properties of buildings and pairs by their dimension in a cube, such as ``period_factor_left``.
 
     Returns
     -------
     xarray.Dataset
-        What `pounding_sweep.simulate` returns. The attribute ``scenario`` tells the case and those values of which the
-        sweep has several or that are chosen here, if any.
+        What `pounding_sweep.simulate` returns. The attribute ``scenario`` tells what distinguishes it in the sweep.
 
     Raises
     ------

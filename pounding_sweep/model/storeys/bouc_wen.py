@@ -48,13 +48,6 @@ class BoucWenParameters(Shares):
     ----------
     Wen (1976), Method for random vibration of hysteretic systems, J. Eng. Mech. Div. ASCE 102(2). Its A is 1, so that k
     is the initial stiffness: another one is the same law with other k, r, beta and gamma (Ma et al. 2004).
-
-    Examples
-    --------
-    >>> from pounding_sweep import Building
-    >>> b = Building("a", [100.0], [1e5], yield_strengths=[200.0], hysteresis={"law": "bouc_wen", "n": 2.0})
-    >>> b.hysteresis
-    BoucWenParameters(n=2.0, beta=0.5, gamma=0.5)
     """
 
     n: Annotated[Number, Field(ge=1.0, le=MOST_SHARP)] = 1.0
