@@ -87,11 +87,16 @@ class Foundation:
     mass : float
         Mass (t) of the base.
     inertia : float
-        Mass moment of inertia (t m2) of the base about its own centre, and of the floors about theirs.
-    sway_stiffness, rocking_stiffness : float
-        Stiffness K_h (kN/m) of the soil against sway, and K_theta (kN m/rad) against rocking.
-    sway_damping, rocking_damping : float
-        Coefficient c_h (kN s/m) of the soil's dashpot against sway, and c_theta (kN m s/rad) against rocking.
+        Mass moment of inertia (t m2) of the base about its own centre, and of the floors about theirs: their masses at
+        their elevations are not part of it.
+    sway_stiffness : float
+        Stiffness K_h (kN/m) of the soil against sway.
+    rocking_stiffness : float
+        Stiffness K_theta (kN m/rad) of the soil against rocking.
+    sway_damping : float
+        Coefficient c_h (kN s/m) of the soil's dashpot against sway, of its material and of radiation.
+    rocking_damping : float
+        Coefficient c_theta (kN m s/rad) of that against rocking.
 
     Raises
     ------
@@ -199,7 +204,8 @@ class Building:
     infill : Infill or mapping, optional
         A second spring of each storey beside its own, also in periods, modes and Rayleigh damping.
     dashpots : float or sequence of float, optional
-        Coefficients (kN s/m) of dashpots between each floor and the one below (the ground), beside Rayleigh's damping.
+        Coefficients (kN s/m) of dashpots between each floor and the one below (the ground), bottom first, beside
+        Rayleigh's damping.
     foundation : Foundation or mapping, optional
         What the building stands on, free to sway and to rock; fixed to the ground where not given. Rayleigh damping is
         that of the building on a fixed base, and acts on its motion relative to the base.

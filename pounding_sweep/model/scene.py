@@ -58,8 +58,10 @@ class ContactProperties:
 
     Parameters
     ----------
-    linear_stiffness, hertz_stiffness : float, optional
-        For laws with force ~ d (kN/m), and ~ d^1.5 (kN/m^1.5); see `pounding_sweep.hertz_stiffness`.
+    linear_stiffness : float, optional
+        For laws with force ~ d (kN/m).
+    hertz_stiffness : float, optional
+        For laws with force ~ d^1.5 (kN/m^1.5); see `pounding_sweep.hertz_stiffness`.
     restitution : float, optional
         Coefficient of restitution where a sweep gives none.
 
