@@ -66,20 +66,24 @@ def counts_text(sizes: Mapping[Any, int], separator: str = " x ") -> str:
     return separator.join(parts)
 
 
-def pairs_text(rows: Sequence[tuple[str, str]], indent: int = 0, columns: int | None = None) -> str:
-    """Return names with their texts, aligned, a line each; long texts are folded to so many columns."""
-    width, lines = max((len(printable(name)) for name, _ in rows), default=0), []
-    for name, text in rows:
-        lead, line = f"{'':{indent}}{printable(name):{width}}  ", printable(text)
-        if columns is not None:
-            wrapped = textwrap.wrap(line, max(20, columns - len(lead)), break_long_words=False, break_on_hyphens=False)
-            line = f"\n{'':{len(lead)}}".join(wrapped)
-        lines.append(lead + line)
+def fold(line: str, columns: int, hang: int = 4) -> str:
+    """Fold a line to so many columns, the further ones indented; words stay whole."""
+    indent = " " * hang
+    return textwrap.fill(line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+
+
+def pairs_text(rows: Sequence[Sequence[str]], indent: int = 0, columns: int = 10**6) -> str:
+    """Return rows of texts, aligned, a line each; the last text of a row is folded to so many columns."""
+    rows = [[printable(cell) for cell in row] for row in rows]
+    widths, lines = [max(map(len, column)) for column in zip(*rows, strict=True)][:-1], []
+    for *cells, text in rows:
+        lead = " " * indent + "".join(f"{cell:{width}}  " for cell, width in zip(cells, widths, strict=True))
+        lines.append(fold(lead + text, max(columns, len(lead) + 20), min(len(lead), columns // 2)))
     return "\n".join(lines)
 
 
-def print_pairs(rows: Sequence[tuple[str, str]], indent: int = 0) -> None:
-    """Print names with their texts, aligned, long texts folded to the terminal's width (100 without one)."""
+def print_pairs(rows: Sequence[Sequence[str]], indent: int = 0) -> None:
+    """Print aligned rows, long texts folded to the terminal's width (100 without one)."""
     if rows:
         print(pairs_text(rows, indent, terminal_width()))
 
@@ -112,7 +116,7 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], right: S
         for line in lines
     ]
     if sum(widths) > free or max(len(cell) for row in folded for cell in row) > _MOST_LINES:
-        print("\n\n".join(pairs_text(list(zip(lines[0], row, strict=True)), 0, terminal_width()) for row in lines[1:]))
+        print("\n\n".join(pairs_text([*zip(lines[0], row, strict=True)], 0, terminal_width()) for row in lines[1:]))
         return
     for wrapped in folded:
         for texts in itertools.zip_longest(*wrapped, fillvalue=""):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from pounding_sweep.base.text import finite
 from pounding_sweep.output.dataset import Coordinates, CubeParts
 from pounding_sweep.variables.registry import Status
 
@@ -70,23 +71,19 @@ def audit_table(cube: Mapping[Any, Any]) -> list[dict[str, Any]]:
     if not has_audit(cube):
         return []
     error, undecided = np.asarray(cube["audit_error"][...]), np.asarray(cube["audit_undecided"][...], bool)
-
-    def reduced(reduce: Callable[[np.ndarray], Any], values: np.ndarray) -> float | None:
-        number = float(reduce(values)) if values.size else math.inf
-        return number if math.isfinite(number) else None
-
-    return [
-        {
-            "output": output,
+    rows = []
+    for output, errors in zip(np.asarray(cube["output"][...]).tolist(), error.T, strict=True):
+        decided, others = (part if part.size else [math.inf] for part in (errors[~undecided], errors[undecided]))
+        numbers = {
             "scenarios": int((~undecided).sum()),
-            "error_median": reduced(np.median, error[~undecided, i]),
-            "error_99": reduced(_most, error[~undecided, i]),
-            "error_max": reduced(np.max, error[~undecided, i]),
+            "error_median": float(np.median(decided)),
+            "error_99": _most(decided),
+            "error_max": float(np.max(decided)),
             "undecided": int(undecided.sum()),
-            "error_max_undecided": reduced(np.max, error[undecided, i]),
+            "error_max_undecided": float(np.max(others)),
         }
-        for i, output in enumerate(np.asarray(cube["output"][...]).tolist())
-    ]
+        rows.append({"output": output} | {name: finite(number) for name, number in numbers.items()})
+    return rows
 
 
 def errors_sentence(cube: Mapping[Any, Any], attributes: Mapping[Any, Any]) -> str:
@@ -113,9 +110,8 @@ def errors_sentence(cube: Mapping[Any, Any], attributes: Mapping[Any, Any]) -> s
     if not undecided.all():
         decided = np.where(undecided[:, None], -1.0, error)
         row, output = np.unravel_index(int(decided.argmax()), error.shape)
-        gaps = ", ".join(
-            f"{1e3 * gap:.3g}" for gap in dict.fromkeys(np.atleast_1d(cube["audit_gap"][int(row)]).tolist())
-        )
+        different = dict.fromkeys(np.atleast_1d(cube["audit_gap"][int(row)]).tolist())
+        gaps = ", ".join(f"{1e3 * gap:.3g}" for gap in different)
         where = f"{np.asarray(cube['output'][...])[output]}, {laws[row]}, gap {gaps} mm"
         largest = "infinite, a touch in one run only" if np.isinf(decided.max()) else f"{decided.max():.2g}"
         text += f": largest error {largest} ({where}), median {np.median(decided[~undecided].max(axis=1)):.2g}"
@@ -133,19 +129,14 @@ def errors_by_law(cube: Mapping[Any, Any]) -> list[dict[str, Any]]:
         return []
     decided = np.asarray(cube["audit_undecided"][...]) == 0
     error, laws = np.asarray(cube["audit_error"][...])[decided], np.asarray(cube["audit_law"][...])[decided]
+    columns = {law: zip(np.asarray(cube["output"][...]).tolist(), error[laws == law].T, strict=True) for law in laws}
     return [
-        {
-            "law": law,
-            "output": output,
-            "median": float(np.median(part)),
-            "most": _most(part),
-            "largest": float(part.max()),
-        }
-        for law in dict.fromkeys(laws.tolist())
-        for output, part in zip(np.asarray(cube["output"][...]).tolist(), error[laws == law].T, strict=True)
+        {"law": law, "output": output, "median": np.median(part), "most": _most(part), "largest": part.max()}
+        for law, outputs in columns.items()
+        for output, part in outputs
     ]
 
 
-def _most(values: np.ndarray) -> float:
+def _most(values: Any) -> float:
     """Return what 99 % of values do not exceed."""
     return float(np.quantile(values, 0.99, method="higher"))

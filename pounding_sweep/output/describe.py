@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
-from textwrap import fill
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pounding_sweep.base.errors import repr_short
 from pounding_sweep.base.files import FilePath
-from pounding_sweep.base.text import printable
+from pounding_sweep.base.text import fold, pairs_text, printable
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.audited import AUDIT_DIMS, audit_table, errors_by_law, errors_sentence
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
@@ -226,7 +225,7 @@ def describe(dataset: xr.Dataset, columns: int = 10**6) -> str:
             variables.append((key, variable["units"] or "-", _range(dataset[key], status), text))
     errors = "Audit: relative errors"
     others = {str(key): value for key, value in attributes.items() if key not in _SECTION_ATTRIBUTES}
-    sections: dict[str, list[tuple[str, ...]]] = {
+    sections: dict[str, Sequence[Sequence[str]]] = {
         "Row": [(f"{item['name']}:", item["about"]) for item in cube["row"]],
         "Scenario axes": axes[False],
         "Within a scenario": axes[True],
@@ -245,19 +244,13 @@ def describe(dataset: xr.Dataset, columns: int = 10**6) -> str:
         "Versions": [(name, str(version)) for name, version in cube["versions"].items()],
         "Attributes": [(key, _short(value)) for key, value in others.items() if not key.endswith("_version")],
     }
-    hangs = dict[int, int]()
+    text = [fold(printable(line), columns) for line in lines]
     for heading, rows in sections.items():
         if rows:
-            lines += ["", heading] + ([f"  {errors_sentence(dataset, attributes)}"] if heading == errors else [])
-            widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-            for row in rows:
-                cells = (cell.ljust(width) for cell, width in zip(row[:-1], widths, strict=False))
-                lines.append("  ".join(["", *cells, row[-1]]).rstrip())
-                hangs[len(lines) - 1] = min(2 * len(widths) + sum(widths[:-1]), columns // 2)
-    return "\n".join(
-        fill(printable(line), columns, subsequent_indent=" " * hangs.get(number, 4), break_on_hyphens=False)
-        for number, line in enumerate(lines)
-    )
+            text += ["", heading]
+            text += [fold(f"  {errors_sentence(dataset, attributes)}", columns)] * (heading == errors)
+            text.append(pairs_text(rows, 2, columns))
+    return "\n".join(text)
 
 
 def _range(values: xr.DataArray, status: xr.DataArray | None) -> str:
