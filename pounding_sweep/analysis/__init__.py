@@ -26,8 +26,7 @@ _HOME = {
     "with_intensities": "pounding_sweep.analysis.rebuild",
 }
 _HOME |= {
-    function: f"pounding_sweep.analysis.comparisons.{module}"
-    for module, _, function in (item.path.partition(".") for item in COMPARISONS.values())
+    key.replace("-", "_"): f"pounding_sweep.analysis.comparisons.{item.module}" for key, item in COMPARISONS.items()
 }
 
 

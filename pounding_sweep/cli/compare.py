@@ -182,7 +182,7 @@ def _compare(
     comparison, what, over = COMPARISONS[key], options.what, options.over or ()
     part: dict[str, Any] = {"title": comparison.title, "needs": comparison.needs, "possible": True}
     settings = {name: value for name, value in arguments.items() if name in comparison.arguments}
-    settings |= {} if what or options.out else comparison.summary
+    settings |= {} if what or options.out else {name: value or None for name, value in comparison.summary.items()}
     if "over" in comparison.arguments and what:
         split = {"law", *MOTION_DIMS} - {*over, "" if options.intensity else "record"}
         settings["over"] = [dim for dim in scenario_dims(selection) if dim not in split]

@@ -244,13 +244,12 @@ def describe(dataset: xr.Dataset, columns: int = 10**6) -> str:
         "Versions": [(name, str(version)) for name, version in cube["versions"].items()],
         "Attributes": [(key, _short(value)) for key, value in others.items() if not key.endswith("_version")],
     }
-    text = [fold(printable(line), columns) for line in lines]
+    folded = [fold(printable(line), columns) for line in lines]
     for heading, rows in sections.items():
         if rows:
-            text += ["", heading]
-            text += [fold(f"  {errors_sentence(dataset, attributes)}", columns)] * (heading == errors)
-            text.append(pairs_text(rows, 2, columns))
-    return "\n".join(text)
+            above = [f"  {errors_sentence(dataset, attributes)}"] * (heading == errors)
+            folded += ["", heading, *(fold(line, columns) for line in above), pairs_text(rows, 2, columns)]
+    return "\n".join(folded)
 
 
 def _range(values: xr.DataArray, status: xr.DataArray | None) -> str:

@@ -8,13 +8,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field
 from functools import wraps
 from importlib import import_module
 from inspect import signature
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 from pounding_sweep.base.errors import InputError, check_choice, checked_arguments
+from pounding_sweep.base.files import read_data
 from pounding_sweep.base.text import counts_text, finite, read_share
 
 if TYPE_CHECKING:
@@ -35,195 +35,87 @@ Row = dict[str, Any]
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-@dataclass(frozen=True)
-class Comparison:
+class Comparison(NamedTuple):
     """A comparison by name: what it is, needs and makes, and its table."""
 
     key: str
-    path: str  # its module and function, which takes a cube
+    module: str  # where the function of that name is, which takes a cube
     title: str  # what it shows
-    _: KW_ONLY
     needs: str  # what a cube must have, in words
-    requires: Mapping[str, Any] = field(default_factory=dict)  # the same as arguments of `check_needs`
+    requires: Mapping[str, Any] = {}  # the same as arguments of `check_needs`
     #: dimensions that its printed table tells apart, beside records and scales; everything else is taken together
-    columns: tuple[str, ...] = ()
-    variables: tuple[str, ...] = ("",)  # endings of the variables in that table
-    lead: tuple[str, ...] = ()  # variables that a summary shows; the first two where it has none of them
+    columns: Sequence[str] = ()
+    variables: Sequence[str] = ("",)  # endings of the variables in that table
+    lead: Sequence[str] = ()  # variables that a summary shows; the first two where it has none of them
     figure: str = ""  # key of the figure that draws it; "" where none does
-    #: arguments in a summary of all comparisons, which does without what takes long
-    summary: Mapping[str, Any] = field(default_factory=dict)
+    summary: Mapping[str, Any] = {}  # arguments in a summary of all comparisons, which leaves out what takes long
     rows: str = ""  # function that makes its table, where `table_rows` is not to
     whole: bool = False  # of the row as a whole: a part of the row is taken of its result, not of its cube
 
     def load(self, function: str) -> Any:
         """Return a function of the module of the comparison."""
-        return getattr(import_module(f"{__name__}.{self.path.partition('.')[0]}"), function)
+        return getattr(import_module(f"{__name__}.{self.module}"), function)
 
     @property
     def make(self) -> Callable[..., xr.Dataset]:
         """The comparison itself."""
-        return cast("Callable[..., xr.Dataset]", self.load(self.path.partition(".")[2]))
+        return cast("Callable[..., xr.Dataset]", self.load(self.key.replace("-", "_")))
 
     @property
     def arguments(self) -> Collection[str]:
         """What it takes, beside a cube; options of the command line of these names are for it."""
         return signature(self.make).parameters
 
+    def is_shown(self, name: Any) -> bool:
+        """Whether a variable of its result is in its table."""
+        return str(name).endswith(tuple(self.variables))
 
+
+_TABLES = read_data("comparisons.toml")
 #: Every comparison by key, in alphabetical order.
-COMPARISONS: dict[str, Comparison] = {
-    item.key: item
-    for item in (
-        Comparison(
-            "amplification",
-            "responses.amplification",
-            "responses with pounding over responses without, by building",
-            needs="the law 'none' among the laws, and displacements, drifts, shears, accelerations or energies",
-            requires={"laws": 1},
-            columns=("law", "building"),
-            variables=("_ratio", "base_shear", "base_shear_without"),
-            lead=("displacement_peak_ratio", "drift_max_ratio", "storey_shear_max_ratio", "acceleration_max_ratio"),
-            figure="amplification",
-        ),
-        Comparison(
-            "energy",
-            "responses.energy",
-            "where the energy of each building went, and whether transfers sum to the contacts' work",
-            needs="energy_input, energy_damping, energy_held and contact_work",
-            columns=("law", "building", "pair"),
-            lead=("transfer_share", "contact_work", "residual_relative"),
-            figure="energy-budget",
-            whole=True,
-        ),
-        Comparison(
-            "fractiles",
-            "responses.fractiles",
-            "median and fractiles of responses over a suite of records",
-            needs="an axis of several records",
-            columns=("law", "building", "pair", "storey", "quantile"),
-            variables=("_fractiles",),
-            lead=("displacement_max_fractiles", "drift_max_fractiles", "impact_force_max_fractiles"),
-        ),
-        Comparison(
-            "fragility",
-            "fragility.fragility",
-            "probability that a pair touches, or of another event, against intensity: a fitted lognormal",
-            needs="pairs, a law with contact, and records or scales of several intensities",
-            requires={"several": MOTION_DIMS},
-            figure="fragility",
-            summary={"confidence": None},
-            rows="fit_rows",
-        ),
-        Comparison(
-            "gap-for-probability",
-            "gaps.gap_for_probability",
-            "the gap that a pair needs so that it touches with no more than a given probability",
-            needs="several records; else what 'required-gap' needs",
-            figure="gap-for-probability",
-            rows="gap_rows",
-            whole=True,
-        ),
-        Comparison(
-            "impacts",
-            "responses.impacts",
-            "how often, how hard and how soon floors touch",
-            needs="pairs, a law with contact, and impact counts or any other output of contacts",
-            requires={"pairs": True, "laws": 1},
-            columns=("law", "pair", "storey", "quantile"),
-            variables=("_fractiles", "pair_touching_share"),
-            lead=("pair_touching_share", "impact_force_max_fractiles"),
-        ),
-        Comparison(
-            "incremental",
-            "responses.incremental",
-            "responses against intensity as records are scaled up, with the fractiles of the suite",
-            needs="an axis of several scales or peak ground accelerations",
-            requires={"several": MOTION_DIMS[1:]},
-            columns=("law", "building", "pair", "quantile", "level"),
-            variables=("_fractiles", "collapse_share"),
-            lead=("drift_max_fractiles", "impact_force_max_fractiles"),
-            figure="incremental",
-        ),
-        Comparison(
-            "laws",
-            "responses.laws",
-            "contact laws against a reference law, at equal nominal and at equal realised restitution",
-            needs="an axis of two or more laws with contact; for equal realised restitution, several restitutions",
-            requires={"axes": ["law"], "laws": 2},
-            columns=("basis", "law", "pair", "building"),
-            variables=("_ratio",),
-            lead=("impact_force_max_ratio", "drift_max_ratio"),
-            figure="law-comparison",
-        ),
-        Comparison(
-            "required-gap",
-            "gaps.required_gap",
-            "the gap that each pair needs, exactly and by separation rules",
-            needs="pairs; the law 'none' with closing_max and displacements, or the records at hand",
-            columns=("rule", "pair"),
-            variables=("exact", "rule_gap", "ratio"),
-            lead=("exact", "ratio"),
-            figure="required-gap",
-            whole=True,
-        ),
-        Comparison(
-            "sensitivity",
-            "sensitivity.sensitivity",
-            "what each output depends on most: Sobol indices of the inputs of a design, shares of the axes of a grid",
-            needs='a design of kind "saltelli", or axes of several values',
-            figure="sensitivity",
-            summary={"resamples": 100},
-            rows="index_rows",
-        ),
-    )
-}
+COMPARISONS = {key: Comparison(key, **entry) for key, entry in _TABLES["comparison"].items()}
 
 
-def comparison(key: str) -> Callable[[Function], Function]:
-    """Make a function of a cube a comparison.
+def comparison(function: Function) -> Function:
+    """Make a function of a cube the comparison of its name.
 
     It gets the scenarios of a cube that has what it needs; its result is read into memory, and the attributes of that
     say which comparison it is and of which sweep.
     """
+    key, parameters = function.__name__.replace("_", "-"), signature(function)
+    kinds = {name: str(item.annotation) for name, item in parameters.parameters.items()}
 
-    def register(function: Function) -> Function:
-        parameters = signature(function)
-        kinds = {name: str(item.annotation) for name, item in parameters.parameters.items()}
+    @checked_arguments
+    @wraps(function)
+    def make(*args: Any, **kwargs: Any) -> xr.Dataset:
+        import xarray as xr
 
-        @checked_arguments
-        @wraps(function)
-        def make(*args: Any, **kwargs: Any) -> xr.Dataset:
-            import xarray as xr
+        from pounding_sweep.analysis.scenarios import COMPARISON, INTERVALS, OTHER_DIMS, fell, numbers_in
+        from pounding_sweep.output.netcdf import with_texts
 
-            from pounding_sweep.analysis.scenarios import COMPARISON, INTERVALS, OTHER_DIMS, fell, numbers_in
-            from pounding_sweep.output.netcdf import with_texts
+        bound = parameters.bind(*args, **kwargs)
+        for name, value in bound.arguments.items():
+            if name in INTERVALS and value is not None:  # "1%" is 0.01
+                numbers = numbers_in(INTERVALS[name], value, name).tolist()
+                bound.arguments[name] = numbers[0] if kinds[name].startswith("float") else numbers
+            elif isinstance(value, str) and "[str]" in kinds[name]:
+                bound.arguments[name] = [value]
+        name, cube = next(iter(bound.arguments.items()))
+        attributes = {COMPARISON: key}
+        if isinstance(cube, xr.Dataset):
+            cube = bound.arguments[name] = with_texts(cube).drop_dims(OTHER_DIMS, errors="ignore")
+            check_needs(cube, f"the comparison {key!r}", **COMPARISONS[key].requires)
+            attributes |= {name: cube.attrs[name] for name in _IDENTITY if name in cube.attrs}
+            if falls := int(fell(cube).sum()):
+                attributes["falls"] = (
+                    f"{falls} of {cube['status'].size} scenarios end where a storey falls: of its building "
+                    "drift and ductility are beyond every level (inf), all else is what happened up to there"
+                )
+        result = function(*bound.args, **bound.kwargs).load()
+        result.attrs = attributes | result.attrs
+        return result
 
-            bound = parameters.bind(*args, **kwargs)
-            for name, value in bound.arguments.items():
-                single = kinds[name].startswith("float")
-                if name in INTERVALS and value is not None:  # "1%" is 0.01
-                    numbers = numbers_in(INTERVALS[name], [value] if single else value, name).tolist()
-                    bound.arguments[name] = numbers[0] if single else numbers
-                elif isinstance(value, str) and "[str]" in kinds[name]:
-                    bound.arguments[name] = [value]
-            name, cube = next(iter(bound.arguments.items()))
-            attributes = {COMPARISON: key}
-            if isinstance(cube, xr.Dataset):
-                cube = bound.arguments[name] = with_texts(cube).drop_dims(OTHER_DIMS, errors="ignore")
-                check_needs(cube, f"the comparison {key!r}", **COMPARISONS[key].requires)
-                attributes |= {name: cube.attrs[name] for name in _IDENTITY if name in cube.attrs}
-                if falls := int(fell(cube).sum()):
-                    attributes["falls"] = (
-                        f"{falls} of {cube['status'].size} scenarios end where a storey falls: of its building "
-                        "drift and ductility are beyond every level (inf), all else is what happened up to there"
-                    )
-            result = function(*bound.args, **bound.kwargs).load()
-            result.attrs = attributes | result.attrs
-            return result
-
-        return cast("Function", make)
-
-    return register
+    return cast("Function", make)
 
 
 def check_needs(
@@ -241,9 +133,7 @@ def check_needs(
     varied = [dim for dim in several if dim in cube.dims]
     for dim in (*axes, *(several[:1] if not varied else ())):
         if dim not in cube.dims:
-            has = (
-                f"; this cube's axes: {', '.join(scenario_dims(cube)) or 'none'}. Run a sweep over several values of it"
-            )
+            has = f"; this cube's axes: {', '.join(scenario_dims(cube)) or 'none'}. Run a sweep over several of it"
             if "case" in cube.dims:
                 has = ", and this cube lists its scenarios as cases; run a sweep over axes"
             raise InputError(f"{what} needs the axis {dim!r}{has}")
@@ -268,7 +158,7 @@ def compared(cube: xr.Dataset, comparison: Comparison, at: Mapping[str, Any], **
     late = {axis: value for axis, value in at.items() if comparison.whole and axis in INNER_DIMS}
     early = {axis: value for axis, value in at.items() if axis not in late}
     result = comparison.make(select(cube, early, INNER_DIMS), **arguments)
-    dims = {dim for name, part in result.items() if str(name).endswith(comparison.variables) for dim in part.dims}
+    dims = {dim for name, part in result.items() if comparison.is_shown(name) for dim in part.dims}
     for axis in late:
         if axis not in dims:
             raise InputError(
@@ -327,7 +217,7 @@ def table_rows(
         return list(comparison.load(comparison.rows)(result))
     if "rule_name" in result.coords:
         result = result.assign_coords(rule=result["rule_name"].values)
-    names = [str(name) for name in result.data_vars if str(name).endswith(comparison.variables)]
+    names = [str(name) for name in result.data_vars if comparison.is_shown(name)]
     if lead:
         names = [name for name in comparison.lead if name in names] or names[:2]
     motions = [dim for dim in MOTION_DIMS if result.sizes.get(dim, 1) > 1 and not lead]
@@ -385,14 +275,13 @@ def split_constant(rows: Sequence[Row], *, numbers: bool) -> tuple[Row, list[str
     return same, [name for name in columns if name not in same], numeric
 
 
-@dataclass(frozen=True)
-class Event:
+class Event(NamedTuple):
     """Something that happens in a scenario or does not."""
 
     key: str  # name in calls and tables
     title: str  # in words, ``{level}`` standing for the level with its unit
-    variable: str  # output that must exceed the level; "" for a touch, which needs none
     per: str  # whom it happens to, "pair" or "building"; any storey counts
+    variable: str = ""  # output that must exceed the level; "" for a touch, which needs none
     units: str = ""  # unit of the level; "": it takes none
     percent: bool = False  # the level is a ratio that texts give in per cent
 
@@ -403,21 +292,7 @@ class Event:
 
 
 #: Every event by key.
-EVENTS: dict[str, Event] = {
-    event.key: event
-    for event in (
-        Event("touch", "the pair touches", "", "pair"),
-        Event("force", "contact force above {level}", "impact_force_max", "pair", "kN"),
-        Event("penetration", "penetration above {level}", "penetration_max", "pair", "m"),
-        Event("drift", "interstorey drift above {level}", "drift_max", "building", "m"),
-        Event("drift_ratio", "interstorey drift ratio above {level}", "drift_ratio_max", "building", "1", True),
-        Event("roof_drift_ratio", "roof drift ratio above {level}", "roof_drift_ratio_max", "building", "1", True),
-        Event("ductility", "storey ductility above {level}", "ductility_max", "building", "1"),
-        Event("shear", "storey shear above {level}", "storey_shear_max", "building", "kN"),
-        Event("acceleration", "floor acceleration above {level}", "acceleration_max", "building", "m s-2"),
-        Event("collapse", "the building falls", "collapsed_storey", "building"),
-    )
-}
+EVENTS = {key: Event(key, **entry) for key, entry in _TABLES["event"].items()}
 
 
 def get_event(key: str, level: float | str | None) -> tuple[Event, float | None]:

@@ -276,7 +276,7 @@ def check_site(
     return {"hazard": site.source, "intensity": f"{strength.attrs['long_name']} ({units})"}
 
 
-@comparison("fragility")
+@comparison
 def fragility(
     cube: xr.Dataset,
     event: str = "touch",

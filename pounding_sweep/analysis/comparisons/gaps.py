@@ -179,7 +179,7 @@ SEPARATION_RULES: dict[str, SeparationRule] = {
 }
 
 
-@comparison("required-gap")
+@comparison
 def required_gap(
     source: Scene | str | xr.Dataset,
     records: Record | FilePath | Iterable[Record | FilePath] | None = None,
@@ -404,7 +404,7 @@ def _gap_words(row: Row, about: Mapping[str, Any]) -> str:
     return "gaps unknown from these runs (add weaker or stronger motions to the sweep, or gaps)"
 
 
-@comparison("gap-for-probability")
+@comparison
 def gap_for_probability(
     cube: xr.Dataset,
     probabilities: Sequence[float] = PROBABILITIES,

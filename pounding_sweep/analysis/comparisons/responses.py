@@ -50,7 +50,7 @@ RESPONSES = (
 PEAK, _SIGNED = "displacement_peak", ("displacement_max", "displacement_min")
 
 
-@comparison("amplification")
+@comparison
 def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> xr.Dataset:
     """Divide each response with pounding by the same response without.
 
@@ -128,7 +128,7 @@ _COMPARED = (
 _LEAST = {"contact_work": 1e-4}
 
 
-@comparison("laws")
+@comparison
 def laws(cube: xr.Dataset, reference: str | None = None, outputs: Iterable[str] | None = None) -> xr.Dataset:
     """Compare contact laws with a reference law.
 
@@ -194,7 +194,7 @@ def laws(cube: xr.Dataset, reference: str | None = None, outputs: Iterable[str] 
     return xr.Dataset(result, attrs={"reference_law": reference, "realised_basis": how})
 
 
-@comparison("impacts")
+@comparison
 def impacts(
     cube: xr.Dataset, over: Iterable[str] | None = None, quantiles: Sequence[float] = (0.0, 0.16, 0.5, 0.84, 1.0)
 ) -> xr.Dataset:
@@ -276,7 +276,7 @@ TERMS = ("energy_input", "energy_damping", "energy_held")
 BESIDE = ("hysteretic_energy", "energy_links")
 
 
-@comparison("energy")
+@comparison
 def energy(cube: xr.Dataset) -> xr.Dataset:
     """Draw up each building's energy budget at the end of the run, and check it against the contacts' work.
 
@@ -371,7 +371,7 @@ def responses_of(cube: xr.Dataset, what: str, outputs: Iterable[str] | None) -> 
     return responses if outputs is None else need_variables(cube, what, outputs)
 
 
-@comparison("fractiles")
+@comparison
 def fractiles(
     cube: xr.Dataset,
     quantiles: Sequence[float] = (*QUANTILES, 1.0),
@@ -441,7 +441,7 @@ def fractiles(
 LEVELS = 25
 
 
-@comparison("incremental")
+@comparison
 def incremental(
     cube: xr.Dataset,
     outputs: Iterable[str] | None = None,

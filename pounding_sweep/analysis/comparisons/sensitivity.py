@@ -48,7 +48,7 @@ def index_rows(result: xr.Dataset) -> list[Row]:
     return rows
 
 
-@comparison("sensitivity")
+@comparison
 def sensitivity(
     cube: xr.Dataset, variables: Iterable[str] | None = None, *, confidence: float = 0.95, resamples: int = RESAMPLES
 ) -> xr.Dataset:
