@@ -132,6 +132,19 @@ def test_the_loosest_accuracies_begin_with_the_same_steps():
     assert "0.1: exact float32" in loosest.choice
 
 
+@pytest.mark.parametrize("dt", [0.02, 0.001])
+def test_what_is_elastic_flies_however_short_the_intervals_of_the_record(dt):
+    record = synthetic_record(503, duration=5.0, dt=dt, pga=3.0)
+    plan = Sweep("mate2015", record, ["linear", "hertz"], gaps=[0.01], accuracy=1e-3).plan()
+    assert plan.numerics.method == "exact"
+    assert min(plan.choice_numbers["relative_cost_of_others"].values()) > 1.0
+
+
+def test_contacts_by_series_run_together_however_stiff():
+    steps = [make(laws=law, records=motions()[0], accuracy=1e-3).plan().steps for law in ("linear", "hertz")]
+    assert [len(np.unique(counts)) for counts in steps] == [1, 2]
+
+
 @pytest.mark.parametrize(
     "changes",
     [

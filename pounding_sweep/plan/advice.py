@@ -142,6 +142,9 @@ EXACT_STEPS = 4.0
 ORDERLY = 2e-3
 #: Relative error beyond which steps grow no longer: more scenarios would be refined, at a greater cost.
 COARSEST = 1e-2
+#: Least long step (s) of exact flight whose cost was measured, most of it that of contacts: where all that is elastic
+#: flies, shorter ones cost as much less.
+COSTED_STEP = 0.01
 #: Part of what is allowed within which measured errors are where one run is enough.
 ENOUGH = 0.01
 #: Part of what is allowed within which a scenario begins: to begin finer costs less than to be refined.
@@ -257,6 +260,11 @@ class Demand:
             result[rows] = shortest_contact(variants[part.variant], self.laws[i], *contact)
         return result
 
+    def stepless(self, method: str) -> np.ndarray:
+        """Whether the steps of a scheme decide nothing under each law: contacts go by series, or there are none."""
+        numerics = Numerics(method, 1.0)
+        return np.array([kernel_shape(self.spec.scene, law, numerics, ()).stepless for law in self.laws])
+
     def needs(self, measured: Measured, scheme: SchemeAndFormat) -> tuple[dict[str, float], tuple[float, str]]:
         """Return what laws need, `refinement` of exact flight, else steps in the shortest time, and the worst error."""
         method, precision = scheme
@@ -290,9 +298,11 @@ class Demand:
         """Return steps per record interval of each scenario, and of the run without pounding by record and variant."""
         spec, table, scheme = self.spec, self.table, SCHEMES[method]
         interval, mode = np.array([record.dt for record in spec.records]), self.mode[table.variant]
-        # of exact flight contacts have sub-steps of their own: modes decide
+        # of exact flight contacts have sub-steps of their own: modes decide, and beside series they alone
         of_modes = EXACT_STEPS * _refinement(method, need) if scheme.flies_exactly else need["none"]
-        wanted = np.maximum(of_modes / mode, CONTACT_MARGIN * scheme.min_steps_located / self.contact)
+        alike = self.stepless(method)[table.law]
+        resolved = np.where(alike, np.inf, self.contact)
+        wanted = np.maximum(of_modes / mode, CONTACT_MARGIN * scheme.min_steps_located / resolved)
         if not scheme.flies_exactly:
             of_laws = np.array([need[law.key] for law in self.laws])[table.law]
             wanted = np.maximum(wanted, of_laws / np.minimum(self.contact, mode))
@@ -309,6 +319,8 @@ class Demand:
         uncoupled = round_up_steps(np.maximum(of_modes / self.mode, 1.0 / limit) * interval[:, None])
         steps = round_up_steps(wanted * interval[table.record])
         steps = np.maximum(steps, least[table.record, table.variant])
+        # beside series a step more costs nothing: few numbers of steps, so that more scenarios run together
+        steps = np.where(alike, 2.0 ** np.ceil(np.log2(np.maximum(steps, 2))), steps)
         return steps.astype(np.int32), np.maximum(uncoupled, least).astype(np.int32)
 
     def _motion_steps(self, method: str, record: Record) -> np.ndarray:
@@ -332,8 +344,7 @@ class Demand:
         What yields, falls, jumps or is stepped by stages magnifies errors more than was measured.
         """
         spec, scene, (method, precision) = self.spec, self.spec.scene, scheme
-        numerics = Numerics(method, 1.0, precision=precision)
-        steady = all(law in LAWS.values() and kernel_shape(scene, law, numerics, ()).stepless for law in self.laws)
+        steady = all(law in LAWS.values() for law in self.laws) and bool(self.stepless(method).all())
         steady &= not (scene.padded or any(scene.yields) or any(scene.falls))
         if not steady or precision != "float32" or self.accuracy < COARSEST:
             return False
@@ -350,6 +361,8 @@ class Demand:
                 numerics = Numerics(method, record.dt / count, refinement=refinement)
                 kernel = RowKernel(self.spec.scene, self.laws[-1], numerics, reducers_for(self.spec.outputs))
                 interval_steps = kernel.flight_substeps(record, self.variants[self.table.variant[rows]])
+                if not any(self.spec.scene.yields):
+                    interval_steps = np.minimum(interval_steps, record.dt / COSTED_STEP)
             total += (record.n_points - 1) * float((interval_steps * self.repeats[rows]).sum())
         return total * self.spec.scene.n_dof * nanoseconds * 1e-9
 
