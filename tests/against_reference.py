@@ -62,7 +62,7 @@ class LawSpring:
     def _at(self, d):
         other, d = copy(self.spring), np.atleast_1d(d)
         arrays = {name: x for name, x in vars(other).items() if isinstance(x, np.ndarray)}
-        vars(other).update({name: np.broadcast_to(x, d.shape).copy() for name, x in arrays.items()}, imposed=d)
+        vars(other).update({name: x.repeat(d.size) for name, x in arrays.items()}, imposed=d)
         other.group = other.spec = other
         other.law.follow(other)
         return other

@@ -77,8 +77,13 @@ SMOOTH = ps.Scene(
     [
         replace(building, yield_strengths=strengths, hardening=hardening, hysteresis=law)
         for building, strengths, hardening, law in (
-            (LEANING.buildings[0], [150.0, 90.0], 0.1, {"law": "bouc_wen", "n": 1.0, "beta": 0.6, "gamma": 0.3}),
-            (LEANING.buildings[1], [180.0, 140.0], 0.05, {"law": "bouc_wen", "n": 2.0}),
+            (
+                LEANING.buildings[0],
+                [150.0, 90.0],
+                [0.05, 0.3],
+                {"law": "bouc_wen", "n": 1.0, "beta": 0.6, "gamma": 0.3},
+            ),
+            (LEANING.buildings[1], [180.0, 140.0], [0.05, 0.0], {"law": "bouc_wen", "n": 2.0}),
         )
     ],
     [0.005],

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from against_reference import check_reference, lane_values, motion, simulate
+from against_reference import lane_values, motion, simulate
 from kernels_used import SMOOTH, SMOOTHING
 
 import pounding_sweep as ps
@@ -39,23 +39,6 @@ def reference(drifts, k, dy, r):
 
 
 each_scheme = pytest.mark.parametrize("method", SMOOTHING)
-
-
-#: The same row with another hardening in each storey.
-STEPPED = ps.Scene(
-    [replace(b, hardening=r) for b, r in zip(SMOOTH.buildings, ([0.05, 0.3], [0.2, 0.0]), strict=True)],
-    SMOOTH.gaps,
-    SMOOTH.contact,
-)
-
-
-@pytest.mark.parametrize(
-    ("method", "dt", "near"), [("exact", 5e-3, 2e-7), ("rk4", 1e-3, 5e-6), ("newmark", 2.5e-4, 2e-4)]
-)
-def test_storeys_of_several_hardenings(method, dt, near):
-    got = check_reference(STEPPED, "linear", near, 126, 2.0, method=method, dt=dt)
-    assert np.count_nonzero(got.ductility_max > 1.5) >= 3
-    assert np.isnan(got.residual_drift.values[0]).all()
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,7 @@ def simulate(points, scale, method, dt, **building):
 @pytest.mark.usefixtures("twin")
 def test_infill_drops_out_for_good_and_the_frame_goes_on(method, dt):
     infill = ps.Infill(2e4, 60.0, hysteresis=WALL)
-    one = simulate(51, 1.5, method, dt, infill=infill)
+    one = simulate(31, 2.0, method, dt, infill=infill)
     drift, shear = one.storey_drift.values.ravel(), one.storey_shear.values.ravel()
     wall = imk.shears(drift, 2e4, 60.0 / 2e4, 0.0, cap=0.004, post_cap=-0.3, pinch=(0.3, 0.4))
     want = bilinear(drift, K, STRENGTH / K, R) + wall
@@ -51,11 +51,11 @@ def test_infill_drops_out_for_good_and_the_frame_goes_on(method, dt):
 @pytest.mark.parametrize("side", ["positive", pytest.param("negative", marks=at_night)])
 @pytest.mark.usefixtures("twin")
 def test_a_storey_falls_at_its_ultimate_drift_of_either_side(side, method, dt):
-    free = simulate(51, 2.0, "exact", 1e-2, hysteresis=OWN)
+    free = simulate(31, 2.5, "exact", 1e-2, hysteresis=OWN)
     extreme = free.displacement_max if side == "positive" else free.displacement_min
     limit = 0.6 * abs(extreme.item())
     limits = {"positive": 1.0, "negative": 1.0} | {side: limit}
-    one = simulate(51, 2.0, method, dt, hysteresis=OWN | {"ultimate_drift": limits})
+    one = simulate(31, 2.5, method, dt, hysteresis=OWN | {"ultimate_drift": limits})
     assert int(one.status) == Status.COLLAPSED
     reached = one.displacement_max if side == "positive" else -one.displacement_min
     assert reached.item() == pytest.approx(limit, rel=1e-6)
