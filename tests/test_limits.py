@@ -388,10 +388,9 @@ def test_what_is_done_and_what_is_missing(tmp_path, monkeypatch):
 
     with pytest.raises(KeyboardInterrupt):  # beside a cube that is finished
         sweep.run(tmp_path / "out.nc", overwrite=True, scheduler="synchronous", progress=At("scenarios", stop, 20))
-    done, planned = (sum(getattr(p, name) for p in survey(parts).parts) for name in ("scenarios_done", "scenarios"))
     said = call("info", tmp_path / "out.nc")
-    last = f"An unfinished run stands beside this cube, {done} of {planned} scenarios done: {parts}"
-    assert (said.stdout.splitlines()[-1], said.stderr) == (last, "")
+    assert said.stdout.endswith(f"\nAn unfinished run stands beside this cube:\n{call('info', parts).stdout}")
+    assert said.stderr == ""
 
 
 def test_folders_that_are_not_half_finished(tmp_path):

@@ -1,8 +1,4 @@
-"""Comparisons of cubes: amplification, laws, required gaps, impacts, energies, suites, fragility, spectra.
-
-Names are loaded where they are first used. Each function takes a labelled cube
-(`xarray.Dataset`), or scenes and records, and returns a labelled dataset.
-"""
+"""Comparisons of cubes, hazard, spectra and other formats; names are loaded where they are first used."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""From a cube back to what it was made of: the row, the records with their intensities, the runs without pounding.
-
-A cube carries its sweep as JSON (attribute ``sweep``), in which records stand by name and digest only.
-"""
+"""From a cube back to what it was made of: the row, the records with their intensities, the runs without pounding."""
 
 from __future__ import annotations
 
@@ -52,10 +49,7 @@ def stored_sweep(cube: xr.Dataset) -> dict[str, Any]:
 def stored_spec(
     cube: xr.Dataset, folders: Any = None, *, record: str | None = None, case: int | None = None
 ) -> SweepSpec:
-    """Return the sweep of a cube; with a `record` or listed `case`, only that record is looked for.
-
-    Files in `folders` are looked through by digest first.
-    """
+    """Return the sweep of a cube, of one `record` or listed `case` only that record; `folders` are searched first."""
     sweep = stored_sweep(cube)
     listed = sweep["cases"] or []
     if case is not None and 1 <= case <= len(listed):
@@ -113,11 +107,7 @@ def _by_name(entry: Mapping[str, Any], folders: Any) -> Record | None:
 
 
 def uncoupled_runs(source: Scene | str | xr.Dataset, records: Any, folders: Any) -> tuple[Scene, xr.Dataset]:
-    """Return a row, in which floors meet columns too, and its runs without pounding: those of a cube, or run anew.
-
-    They are `OUTPUTS` on ``record``, and on ``scale``, building properties or ``case``, with the first modes of its
-    buildings where a cube has them.
-    """
+    """Return a row, in which floors meet columns too, and `OUTPUTS` of its runs without pounding, of a cube or anew."""
     if isinstance(source, xr.Dataset):
         scene, runs = _runs_of_cube(source, records, folders)
     elif records is None:
@@ -190,10 +180,9 @@ NAMES = "pga, pgv, sa(PERIOD in s), sa(BUILDING) at its first period, sa: geomet
 def intensity_of(
     cube: xr.Dataset, intensity: str | xr.DataArray | None = None, *, records: Any = None, folders: Any = None
 ) -> xr.DataArray:
-    """Return the intensity of each record at each scale, along ``record`` and what scales it.
+    """Return the intensity of each record at each scale: one of `NAMES`, or an array of the records at scale 1.
 
-    It is one of `NAMES`, or an array of the records at scale 1; by default what they are scaled to. `records` are
-    looked through before others are looked for by name.
+    By default it is what they are scaled to. `records` are looked through before others are looked for by name.
     """
     if "record" not in cube.coords:
         raise InputError("the intensity of the ground motion needs the record of each scenario (coordinate 'record')")

@@ -57,10 +57,7 @@ def fell(cube: xr.Dataset) -> xr.DataArray:
 
 
 def values(cube: xr.Dataset, name: str, fallen: float = np.inf) -> xr.DataArray:
-    """Return a variable as float64 with its attributes, missing where the scenario is not ok.
-
-    Drift and ductility of a building that fell are `fallen`, all else is what happened up to there.
-    """
+    """Return a variable as float64, missing where not ok; drift and ductility of a building that fell are `fallen`."""
     part = cube[name].astype(np.float64).where(trusted(cube))
     if "collapsed_storey" in cube and name in VARIABLES and VARIABLES[name].unbounded:
         part = part.where(~(cube["collapsed_storey"] > 0) | part.isnull(), fallen)
@@ -168,11 +165,7 @@ def touched(cube: xr.Dataset, what: str) -> xr.DataArray:
 
 
 def exceeds(cube: xr.Dataset, what: str, variable: str, level: float | None) -> xr.DataArray:
-    """Return 1 where an output exceeds a level at any storey, or floors touch ("" for the output), 0 where not.
-
-    Missing where the scenario is not ok, or there is nothing of the kind, and of a building for which nobody knows, as
-    another one fell before.
-    """
+    """Return 1 where an output exceeds a level at any storey, or floors touch (""), 0 where not, missing if unknown."""
     if variable == "collapsed_storey" and variable not in cube:
         raise InputError(f"{what}: no storey of this row may fall; give its buildings p_delta and yield_strengths")
     if not variable:

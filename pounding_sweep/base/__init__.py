@@ -14,10 +14,7 @@ STANDARD_GRAVITY = 9.81
 
 
 def attribute(package: str, home: Mapping[str, str], name: str) -> Any:
-    """Return a name of a package: its module-level ``__getattr__`` (PEP 562), so that importing it is fast.
-
-    Functions, and classes that are made or run, check the names and kinds of their arguments from then on.
-    """
+    """Return a name of a package, as its ``__getattr__`` (PEP 562); functions and classes then check arguments."""
     if name in home:
         value = getattr(module := import_module(home[name]), name)
         for owner, part in ((module, name), (value, "__init__"), (value, "run")):

@@ -1,8 +1,4 @@
-"""Every error the package raises for something a user can mend.
-
-Messages name the value, say what is valid and give the remedy. The command line prints them without a traceback and
-exits with code 2, or 1 where a run began well: `WriteError`, `RunError`, `ClusterError`.
-"""
+"""Errors that a user can mend: messages name the value, what is valid and the remedy; the command line prints them."""
 
 from __future__ import annotations
 

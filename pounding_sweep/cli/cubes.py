@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,9 +49,12 @@ def info_command(
     if as_json:
         rest = unfinished and asdict(unfinished) | {"folder": str(unfinished.folder)}
         print_json({"cube": content, "unfinished": rest})
-    elif content is not None:
-        print(content, *([] if unfinished is None else [_sidecar(unfinished)]), sep="\n\n")
-    elif unfinished is not None:
+        return
+    if content is not None:
+        print(content)
+    if content is not None and unfinished is not None:
+        print("\nAn unfinished run stands beside this cube:")
+    if unfinished is not None:
         _print_unfinished(unfinished)
 
 
@@ -62,14 +65,6 @@ def _print_failures(cube: dict[str, Any]) -> None:
         print(f"\n{end['count']} {end['label']}: {end['meaning']}: {end['remedy']}\n  {end['where']}\n")
         rows = [[row["axis"], *map(str, [row["value"], row["scenarios"], row["of"]])] for row in end["by_value"]]
         print_table(["axis", "value", end["label"], "of"], rows, right=(2, 3))
-
-
-def _sidecar(survey: Survey) -> str:
-    """Say that a cube is older than a sweep that is not finished, and how much of that is done."""
-    done, planned = (sum(getattr(part, name) for part in survey.parts) for name in ("scenarios_done", "scenarios"))
-    total = planned if survey.planned else f"at most {survey.at_most}" if survey.at_most else "an unknown number of"
-    state = f", {survey.now} is at work on it" if survey.now else ""
-    return f"An unfinished run stands beside this cube, {done} of {total} scenarios done{state}: {survey.folder}"
 
 
 def _print_unfinished(survey: Survey) -> None:
@@ -94,27 +89,35 @@ def _print_unfinished(survey: Survey) -> None:
         print_table(headings, cells, right=range(3, 9))
 
 
+@dataclass
+class FigureOptions:
+    """Options of figures, under the names that `figures.plot` knows them by."""
+
+    x: str | None = option("AXIS", "Axis of numbers to draw along, such as period_ratio.")
+    y: str | None = option("AXIS", "Of a map, the other axis.")
+    value: str | None = option("NAME", "What to draw: a variable, or its amplification NAME_ratio.")
+    event: str | None = option("EVENT", "Of a fragility, such as drift; touch by default.")
+    level: str | None = option("X", "What the event must exceed, in its own unit; of a drift ratio 0.01 or 1%.")
+    start: float | None = option("S", "Of histories, the first instant drawn (s).")
+    end: float | None = option("S", "Of histories, the last instant (s).")
+    contours: bool = flag("--contours", "Of a map, lines of equal value as well.")
+    turn: bool = flag("--turn", "Of incremental, the intensity across.")
+    names: bool = flag("--names", "Of incremental, name the records.")
+    dpi: float = option("N", "Dots per inch of a PNG.", default=150.0)
+    title: str | None = option("TEXT", "Title in place of the figure's own.")
+    caption: Path | None = option("FILE", "Text file for what the figure shows: values of axes, records, laws.")
+    units: str = option("UNIT", "Of accelerations: g, or m/s2.", default="m/s2")
+
+
 @command("plot")
 def plot_command(
     cube: Path | None = argument("CUBE.nc", "Cube made by 'run', or another file made here."),
     kind: str | None = argument("FIGURE", "Figure; without it, figures are listed."),
     out: Path | None = output("FILE", app.FIGURE_FILE),
     at: At = None,
-    x: str | None = option("AXIS", "Axis of numbers to draw along, such as period_ratio."),
-    y: str | None = option("AXIS", "Of a map, the other axis."),
-    value: str | None = option("NAME", "What to draw: a variable, or its amplification NAME_ratio."),
-    event: str | None = option("EVENT", "Of a fragility, such as drift; touch by default."),
-    level: str | None = option("X", "What the event must exceed, in its own unit; of a drift ratio 0.01 or 1%."),
-    start: float | None = option("S", "Of histories, the first instant drawn (s)."),
-    end: float | None = option("S", "Of histories, the last instant (s)."),
-    contours: bool = flag("--contours", "Of a map, lines of equal value as well."),
-    turn: bool = flag("--turn", "Of incremental, the intensity across."),
-    names: bool = flag("--names", "Of incremental, name the records."),
-    dpi: float = option("N", "Dots per inch of a PNG.", default=150.0),
-    title: str | None = option("TEXT", "Title in place of the figure's own."),
+    *,
+    options: FigureOptions,
     no_title: bool = flag("--no-title", "No title, as above a caption of your own."),
-    caption: Path | None = option("FILE", "Text file for what the figure shows: values of axes, records, laws."),
-    units: str = option("UNIT", "Of accelerations: g, or m/s2.", default="m/s2"),
     only_list: bool = flag("--list", "List the figures, and what of them CUBE.nc allows."),
 ) -> None:
     """Draw a figure of a cube into a file, or list the figures."""
@@ -130,13 +133,16 @@ def plot_command(
     with open_cube(cube) as dataset:
         chosen = _select(dataset, app.axis_values(at), kind)
         if only_list or kind is None:
-            _print_figures(chosen)
+            missing = {figure: ", ".join(figure.missing(chosen)) for figure in FIGURES.values()}
+            if possible := [[figure.key, figure.title] for figure, names in missing.items() if not names]:
+                print_table(["figure", "shows"], possible)
+            if others := [[figure.key, names] for figure, names in missing.items() if names]:
+                print()
+                print_table(["not possible", "lacks"], others)
         elif out is None:
             raise InputError(f"-o is missing; give the file to draw into, such as -o {kind}.png")
         else:
-            settings: dict[str, Any] = {"x": x, "y": y, "value": value, "start": start, "end": end, "dpi": dpi}
-            settings |= {"contours": contours, "turn": turn, "names": names, "event": event, "level": level}
-            settings |= {"title": "" if no_title else title, "caption": caption, "units": units}
+            settings = vars(options) | ({"title": ""} if no_title else {})
             print(plot(chosen, kind, out, report=say, **settings))
 
 
@@ -154,18 +160,6 @@ def _select(dataset: xr.Dataset, values: dict[str, list[str]], kind: str | None)
         require(chosen, drawn.figure)
         chosen = compared(dataset, drawn, values)
     return chosen
-
-
-def _print_figures(dataset: xr.Dataset) -> None:
-    """Print which figures a dataset allows, and what the others lack."""
-    from pounding_sweep.figures import FIGURES
-
-    lacks = [(kind, ", ".join(kind.missing(dataset))) for kind in FIGURES.values()]
-    if possible := [[kind.key, kind.title] for kind, missing in lacks if not missing]:
-        print_table(["figure", "shows"], possible)
-    if others := [[kind.key, missing] for kind, missing in lacks if missing]:
-        print()
-        print_table(["not possible", "lacks"], others)
 
 
 @command("view")
@@ -250,7 +244,8 @@ def export_command(
             others += f"; {n} scenarios are left out" if (n := part["status"].size - samples) else ""
             say(f"{samples} samples of building {pelicun}{others}")
         elif fragility:
-            states = dict(map(_limit_state, limit_states or ["touch=touch"]))
+            named = (text.partition("=")[::2] for text in limit_states or ["touch=touch"])  # NAME=EVENT[:LEVEL]
+            states = {name: (event.partition(":")[0], event.partition(":")[2] or None) for name, event in named}
             measure = next(iter(measures), None)
             skipped = export_nrml(part, out, states, overwrite=overwrite, intensity=measure, folders=folders)
             for name, why in skipped.items():
@@ -259,13 +254,6 @@ def export_command(
             part = with_intensities(part, measures, folders=folders)
             paths = export_tables(part, out, names or (), overwrite=overwrite, parts=parts, **layout)
         print(*paths, sep="\n")
-
-
-def _limit_state(text: str) -> tuple[str, tuple[str, str | None]]:
-    """Read NAME=EVENT[:LEVEL]."""
-    name, _, rest = text.partition("=")
-    event, _, level = rest.partition(":")
-    return name, (event, level or None)
 
 
 @command("merge")

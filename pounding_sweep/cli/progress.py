@@ -42,11 +42,7 @@ class _LenientStream:
 
 
 class ProgressDisplay(Progress):
-    """Stage, done and total, and time left on stderr, by the rate of the last minute.
-
-    On a terminal they are a bar; into a file or a pipe, a plain line at most every `BETWEEN_LINES` seconds, so that
-    short runs say nothing. Steps of the first `TAKING_UP` seconds of a stage have no part in the rate.
-    """
+    """Stage, done, total and time left on stderr: a bar on a terminal, else a line every `BETWEEN_LINES` seconds."""
 
     def __init__(self, console: Console | None = None, clock: Callable[[], float] = time.monotonic) -> None:
         console = console or Console(stderr=True, force_terminal=sys.stderr.isatty())

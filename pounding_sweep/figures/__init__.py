@@ -1,8 +1,4 @@
-"""Figures: each takes a dataset and returns a matplotlib figure; `force_gap` draws ``force-gap``, and so do all others.
-
-Each is one function of a module of `pounding_sweep.figures.gallery`, which registers it. matplotlib is imported in this
-package, by the paper's figures, and nowhere else.
-"""
+"""Figures: each takes a dataset and returns a matplotlib figure; `force_gap` draws ``force-gap``, as do all others."""
 
 from __future__ import annotations
 
@@ -15,23 +11,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.errors import InputError, OutputError, check_choice, checked_arguments
-from pounding_sweep.base.files import FilePath, expanded
+from pounding_sweep.base.files import FilePath, expanded, read_data
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
+_TABLES = read_data("figures.toml")
 #: What figures are drawn from: name -> where such a file comes from.
-SOURCES: dict[str, str] = {
-    "cube": "a cube of 'pounding-sweep run'",
-    "design": "a cube of 'pounding-sweep run', best over a [design]",
-    "histories": "histories of 'pounding-sweep simulate'",
-    "trade": "the file of 'pounding-sweep tradeoff'",
-    "map": "the file of 'pounding-sweep extremes --map MAP.nc'",
-    "test": "what `pounding_sweep.cyclic_test` returns",
-    "pushover": "the curve of what `pounding_sweep.backbone_from_pushover` returns",
-    "spectra": "the file of 'pounding-sweep records plot --data MOTIONS.nc'",
-}
+SOURCES: dict[str, str] = _TABLES["sources"]
 #: A law with contact, and the one without, as needs.
 CONTACT, NO_CONTACT = "a law with contact", "the law 'none'"
 #: Axes that maps may be drawn along besides those of numbers.
@@ -39,24 +27,8 @@ LABELS = ("record", "storey")
 #: Further needs: of a map, of profiles, of a design.
 TWO_AXES = "two axes of several numbers such as gap and restitution"
 FIRST_STOREY, SALTELLI = "the storeys from the first on", 'a design of kind "saltelli" or axes of several numbers'
-#: What several values of an axis are called.
-_PLURAL = {"law": "laws with contact", "gap_number": "gaps", "pga": "PGAs", "sa": "spectral accelerations"}
 #: Dots per inch that a page can be drawn in.
 _DPI = (10, 1200)
-#: Options of figures as their docstrings describe them.
-_OPTIONS = {
-    "x": "str, optional\n    Axis of several numbers, or a coordinate along one, to draw along.",
-    "y": "str, optional\n    The other axis.",
-    "value": "str, optional\n    What is drawn, such as ``drift_max``; by default the first that is there, or all.",
-    "contours": "bool\n    Whether lines of equal value are drawn as well.",
-    "turn": "bool\n    Whether the intensity is drawn across, the response upright.",
-    "names": "bool\n    Whether records are told apart and named in the legend.",
-    "event": "str, optional\n    A key of `pounding_sweep.analysis.comparisons.EVENTS`.",
-    "level": "float or str, optional\n    What the event must exceed, in its own unit; of a drift ratio also 1%.",
-    "start": "float, optional\n    First instant that is drawn (s).",
-    "end": "float, optional\n    Last instant that is drawn (s).",
-    "ax": "matplotlib.axes.Axes, optional\n    Axes for a figure of one panel.",
-}
 _FIGURES: dict[str, Kind] = {}
 #: All figures by name, found at their first use.
 FIGURES: dict[str, Kind]
@@ -95,7 +67,7 @@ class Kind:
         for need in self.needs:
             plural, names = need.startswith("several "), need.removeprefix("several ").split("|")
             if (several if plural else present).isdisjoint(names):
-                words = " or ".join(_PLURAL.get(axis, f"{axis}s") if plural else axis for axis in names)
+                words = " or ".join(_TABLES["plurals"].get(axis, f"{axis}s") if plural else axis for axis in names)
                 missing.append(f"several {words}" if plural else words)
         return tuple(missing)
 
@@ -109,10 +81,9 @@ def _figures() -> dict[str, Kind]:
 
 
 def figure_of(key: str, source: str, needs: str) -> Callable[[Callable[..., Figure]], Callable[..., Figure]]:
-    """Register a function of a dataset as a figure by that name, in our style; its needs are separated by commas.
+    """Register a function of a dataset as a figure by that name; its needs are separated by commas.
 
-    Its docstring begins with "Draw" and what the figure shows. Its arguments after the dataset, by name only, are
-    options of the figure, which the docstring gets a section on.
+    Its docstring begins with "Draw"; its arguments by name are options, which the docstring gets a section on.
     """
 
     def register(draw: Callable[..., Figure]) -> Callable[..., Figure]:
@@ -142,7 +113,10 @@ def figure_of(key: str, source: str, needs: str) -> Callable[[Callable[..., Figu
 
         first, *options = signature(draw).parameters
         text = cleandoc(draw.__doc__ or "")
-        about = {first: f"xarray.Dataset\n    From {SOURCES[source]}.", **{name: _OPTIONS[name] for name in options}}
+        about = {
+            first: f"xarray.Dataset\n    From {SOURCES[source]}.",
+            **{name: _TABLES["options"][name] for name in options},
+        }
         parameters = "\n".join(f"{name} : {words}" for name, words in about.items())
         drawn.__doc__ = (
             f"{text}\n\nParameters\n----------\n{parameters}\n\nReturns\n-------\nmatplotlib.figure.Figure\n"

@@ -43,10 +43,9 @@ class NothingToDrawError(InputError):
 
 
 def select_default(dataset: xr.Dataset, keep: Collection[str], drawn: Iterable[str]) -> tuple[xr.Dataset, str]:
-    """Take one value of every axis that a figure does not `keep`: the middle one at which floors touch.
+    """Take of every axis that a figure does not `keep` the middle value at which floors touch, and say which.
 
-    Where nothing touches it is the middle one at which one of `drawn` has a value. Laws, pairs and buildings without a
-    value of `drawn` are left out. The text names what was taken, of how many, and how others are drawn.
+    Laws, pairs and buildings without a value of `drawn` are left out.
     """
     drawn = [name for name in drawn if name in dataset]
     sizes = {dim: dataset.sizes[dim] for dim in scenario_dims(dataset) if dim not in keep}
@@ -250,11 +249,7 @@ def plot_axes(result: xr.Dataset, labels: Iterable[str] = ()) -> dict[str, PlotA
 def choose_axis(
     result: xr.Dataset, requested: str | None, but: Collection[str] = (), labels: Collection[str] = ()
 ) -> PlotAxis | None:
-    """Return the requested axis, else the first with several numbers, building properties and `labels` last, or None.
-
-    Along a building property without a name of its own, the ratio to the neighbour's is drawn. `period_ratio` alone
-    means the first of such names.
-    """
+    """Return the requested axis, else the first with several numbers, building properties and `labels` last."""
     axes = plot_axes(result, labels)
     if requested is None:
         free = [dim for dim in (*_DRAWN_ALONG, *scenario_dims(result)) if dim not in ("law", "record", "case")]

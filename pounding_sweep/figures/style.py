@@ -77,10 +77,9 @@ def subplots(
     styles: Any = None,
     **sharing: Any,
 ) -> Any:
-    """Return the panels of a new figure, a 2-D array, whose lines have those styles in turn.
+    """Return the panels of a new figure, a 2-D array; with `ax`, these axes are the only panel.
 
-    The size (inches) is a width and what each column adds to it, a height and what each row adds. With `ax`, these axes
-    are the only panel, and the rest of their figure is left alone.
+    The size (inches) is a width and what each column adds to it, a height and what each row adds.
     """
     if ax is None:
         width, column, height, row = size
@@ -100,10 +99,7 @@ def subplots(
 
 
 def finish(axes: Any, x: str, y: str | Sequence[str], subject: str = "", *notes: str, legend: int = 3) -> Any:
-    """Label a grid of panels at its edges, y by one text or by one a row, with a legend in `legend` columns below.
-
-    Titles that rows have in common stand above the first one alone. The caption has the notes.
-    """
+    """Label panels at the edges of their grid, y by one text or one a row, with a legend below; notes are captions."""
     for column in axes.T:
         column[-1].set_xlabel(x)
         for ax in column[1:]:
@@ -173,21 +169,16 @@ def cell_edges(values: np.ndarray, *, even: bool = False) -> np.ndarray:
 
 def show_in_g(figure: Any) -> None:
     """Write the accelerations (m/s²) of a figure in g: on its axes and in its texts."""
-
-    def in_g(text: str) -> str:
-        number = r"[\d.]+(?:e[+-]\d+)?(?= (?:and \S+ )?m/s²)"
-        return re.sub(number, lambda match: f"{float(match[0]) / STANDARD_GRAVITY:.3g}", text).replace("m/s²", "g")
-
-    def round_in_g(ticks: Any, *ends: float) -> Any:
-        return STANDARD_GRAVITY * np.asarray(ticks(*(end / STANDARD_GRAVITY for end in ends)))
-
+    one, number = STANDARD_GRAVITY, re.compile(r"[\d.]+(?:e[+-]\d+)?(?= (?:and \S+ )?m/s²)")
     labels = [(ax.xaxis, ax.get_xlabel()) for ax in figure.axes]
     labels += [(ax.yaxis, ax.get_ylabel() or ax.figure.get_supylabel()) for ax in figure.axes]
     axes = [axis for axis, label in labels if "(m/s²)" in label]
     for locator in {axis.get_major_locator() for axis in axes}:  # that axes may share
         if not isinstance(locator, FixedLocator):
-            locator.tick_values = partial(round_in_g, locator.tick_values)
+            ticks = locator.tick_values
+            locator.tick_values = lambda low, high, ticks=ticks: one * np.asarray(ticks(low / one, high / one))
     for axis in axes:
-        axis.set_major_formatter(lambda value, _: f"{value / STANDARD_GRAVITY:.3g}")
+        axis.set_major_formatter(lambda value, _: f"{value / one:.3g}")
     for text in figure.findobj(Text):
-        text.set_text(in_g(text.get_text()))
+        words = number.sub(lambda match: f"{float(match[0]) / one:.3g}", text.get_text())
+        text.set_text(words.replace("m/s²", "g"))

@@ -1,8 +1,4 @@
-"""From arrays of results to a labelled dataset with CF attributes.
-
-Attributes that `pounding_sweep.output.describe` understands are listed there. xarray is loaded only for datasets in
-memory: that takes longer than a small sweep.
-"""
+"""From arrays of results to a labelled dataset with CF attributes; xarray is loaded only for datasets in memory."""
 
 from __future__ import annotations
 

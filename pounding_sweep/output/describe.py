@@ -1,9 +1,4 @@
-"""A cube as readable text, or as what JSON holds.
-
-Beside the CF attributes, these global attributes are understood where they are there: ``records`` (JSON list of tables
-with ``name``, ``pga`` in m/s2 and anything else), ``scenarios_asked``, ``scenarios_run``, and everything whose name
-ends in ``_version``. Any other global attribute is shown shortened.
-"""
+"""A cube as readable text, or as what JSON holds."""
 
 from __future__ import annotations
 
@@ -139,11 +134,7 @@ def statuses(status: Any, unsettled_output: Any = ()) -> list[dict[str, Any]]:
 
 
 def failures(dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """Return the rows of `statuses` but ok, each with ``where`` these scenarios are, and a table ``by_value`` of axes.
-
-    In ``by_value``, ``scenarios`` of the ``of`` scenarios with that value of an axis have the status; values without
-    any, and axes of one value or of more than `MOST_VALUES`, are left out.
-    """
+    """Return the rows of `statuses` but ok, with ``where`` these scenarios are, and a table ``by_value`` of axes."""
     status = dataset["status"].load()
     axes = [str(name) for name in (_LISTED if "case" in status.dims else status.dims) if name in dataset.coords]
     ends = [end for end in statuses(status) if end["status"] != Status.OK]
@@ -223,8 +214,13 @@ def describe(dataset: xr.Dataset, columns: int = 10**6) -> str:
             inner = " and ".join(dim for dim in variable["dims"] if dim in INNER_DIMS)
             text = f"{variable['long_name']}, per {inner}" if inner else variable["long_name"]
             variables.append((key, variable["units"] or "-", _range(dataset[key], status), text))
-    errors = "Audit: relative errors"
-    others = {str(key): value for key, value in attributes.items() if key not in _SECTION_ATTRIBUTES}
+    errors, audit = "Audit: relative errors", list[tuple[str, ...]]()
+    for row in cube["audit"]:
+        names = ("error_median", "error_max", "error_max_undecided")
+        median, largest, others = ("-" if row[name] is None else f"{row[name]:.1e}" for name in names)
+        undecided = f"undecided ones up to {others}" if row["undecided"] else ""
+        audit.append((row["output"], f"median {median}", f"up to {largest}", undecided))
+    rest = {str(key): value for key, value in attributes.items() if key not in _SECTION_ATTRIBUTES}
     sections: dict[str, Sequence[Sequence[str]]] = {
         "Row": [(f"{item['name']}:", item["about"]) for item in cube["row"]],
         "Scenario axes": axes[False],
@@ -236,13 +232,13 @@ def describe(dataset: xr.Dataset, columns: int = 10**6) -> str:
             for end in statuses(dataset.get("status", []), dataset.get("unsettled_output", []))
         ],
         "Where scenarios are not ok": [(end["label"], end["where"]) for end in cube["not_ok"]],
-        errors: [_audit_row(row) for row in cube["audit"]],
+        errors: audit,
         "Records": [_record_row(record) for record in json.loads(attributes.get("records", "[]"))],
         "Made from": [
             (how, *_source_row(source)) for key, how in ORIGINS.items() for source in sources(attributes, key)
         ],
         "Versions": [(name, str(version)) for name, version in cube["versions"].items()],
-        "Attributes": [(key, _short(value)) for key, value in others.items() if not key.endswith("_version")],
+        "Attributes": [(key, _short(value)) for key, value in rest.items() if not key.endswith("_version")],
     }
     folded = [fold(printable(line), columns) for line in lines]
     for heading, rows in sections.items():
@@ -285,13 +281,6 @@ def _source_row(source: Mapping[str, Any]) -> tuple[str, ...]:
     makers |= {name: source.get(f"{name}_version", "") for name in LIBRARIES}
     made = ", ".join(f"{name} {maker}" for name, maker in makers.items() if maker)
     return tuple(map(_short, (source["file"], source.get("history", ""), ", ".join(counts), made)))
-
-
-def _audit_row(row: Mapping[str, Any]) -> tuple[str, ...]:
-    names = ("error_median", "error_max", "error_max_undecided")
-    median, largest, undecided_max = ("-" if row[name] is None else f"{row[name]:.1e}" for name in names)
-    undecided = f"undecided ones up to {undecided_max}" if row["undecided"] else ""
-    return row["output"], f"median {median}", f"up to {largest}", undecided
 
 
 def summarize(path: FilePath) -> dict[str, Any]:

@@ -1,8 +1,4 @@
-"""Cubes, or parts of them, in other formats: CSV and Parquet as tables, Zarr as it is.
-
-All are written a part at a time, so that a cube larger than memory can be
-exported, and appear under their name only when they are complete.
-"""
+"""Cubes, or parts of them, in other formats, a part at a time: CSV and Parquet as tables, Zarr as it is."""
 
 from __future__ import annotations
 
@@ -144,13 +140,6 @@ class Table:
                 present = ", ".join(_WORDS["status"][np.unique(codes)])
                 raise InputError(f"no scenario has the status {name!r}; this cube has: {present}")
             self.selected |= chosen
-
-    def keep_parts(self, parts: Mapping[str, Any]) -> None:
-        """Leave out columns of other places than these values of building, pair or storey."""
-        chosen = select(self.cube, parts, INNER_DIMS)
-        for label, column in [*self.columns.items()]:
-            if any(self.cube[dim].values[i] not in chosen[dim].values for dim, i in column.at.items() if dim in parts):
-                del self.columns[label]
 
     def parts(self) -> Iterator[pd.DataFrame]:
         """Make the table part by part."""
@@ -379,8 +368,13 @@ def export_cube(
     cube = with_texts(cube)
     try:
         made = scenarios_of(cube, names) if ending == ".zarr" else _table(cube, path, names, table, constants, status)
-        if parts and isinstance(made, Table):
-            made.keep_parts(parts)
+        if parts and isinstance(made, Table):  # columns of other places are left out
+            chosen = {dim: select(made.cube, parts, INNER_DIMS)[dim].values for dim in parts}
+            made.columns = {
+                label: column
+                for label, column in made.columns.items()
+                if all(cube[dim].values[i] in chosen[dim] for dim, i in column.at.items() if dim in parts)
+            }
         if units and isinstance(made, Table):
             made.lines.append([column.attributes.get("units", "") for column in made.columns.values()])
         write(cube, target, made)
@@ -393,10 +387,7 @@ def export_cube(
 
 
 def export_tables(cube: xr.Dataset, path: FilePath, names: Sequence[str] = (), **options: Any) -> list[Path]:
-    """Write a table as `export_cube` does, or one for each set of dimensions that the variables have.
-
-    The dimensions are added to the name of the file if there are several tables; returns the files.
-    """
+    """Write a table as `export_cube` does, or one for each set of dimensions, which its file is named by."""
     single = options.get("table") or has_histories(cube, names) or Path(path).suffix.lower() == ".zarr"
     tables = {} if single else sets_of_dimensions(scenarios_of(cube, names))
     if len(tables) < 2:

@@ -1,8 +1,4 @@
-"""What sweeps and results are known by: what made a cube, where its results are from, which sweep it is of.
-
-The attribute ``merged_from`` lists the runs that the results of a merged cube are from, ``extended_from`` names the
-cube that a sweep took results from.
-"""
+"""What cubes and results are known by: what made a cube, where its results are from, which sweep it is of."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
 """The one writer and reader of cubes, large ones a slab at a time.
 
-A file appears under its name only when it is complete and on disk. HDF5 is
-not thread-safe: everything of this package that touches a netCDF file holds
-`NETCDF_LOCK`, as does whoever reads values of a cube that `open_cube` has opened.
+HDF5 is not thread-safe: what touches a netCDF file holds `NETCDF_LOCK`, and so does who reads values of an open cube.
 """
 
 from __future__ import annotations
@@ -252,7 +250,11 @@ def _write(
         widths = [encoding_of(name, arrays[name].dtype)["dtype"].itemsize * math.prod(inner[name]) for name in arrays]
         block = block_shape(sizes, BLOCK_BYTES // max(widths))
         blocks = {name: (*block, *inner[name]) for name in arrays}
-    coordinates = _coordinates_of(cube)
+    # the attribute ``coordinates`` of each variable, as xarray has it: the file's names those of none
+    labels = {name: set(label[0]) for name, label in cube.coords.items() if name not in label[0]}
+    belong = {name: {label for label in labels if labels[label] <= set(v[0])} for name, v in cube.data_vars.items()}
+    belong[""] = set(labels).difference(*belong.values())
+    coordinates = {name: {"coordinates": " ".join(sorted(names))} for name, names in belong.items() if names}
     file.setncatts(_encoded(cube.attrs) | coordinates.get("", {}))
     file.set_fill_off()
     # all are made before values are written: what is made later costs the library as much as many values
@@ -299,15 +301,6 @@ def _write(
             made = values_of(slab)
             for name in blocks:
                 declared[name][0][slab] = made[name]
-
-
-def _coordinates_of(cube: CubeParts) -> dict[str, dict[str, str]]:
-    """Return the attribute ``coordinates`` of each variable, as CF asks for it, and by "" that of the whole file."""
-    # as xarray writes and reads it: the file's names those that belong to no variable
-    labels = {name: set(label[0]) for name, label in cube.coords.items() if name not in label[0]}
-    result = {name: {label for label in labels if labels[label] <= set(v[0])} for name, v in cube.data_vars.items()}
-    result[""] = set(labels).difference(*result.values())
-    return {name: {"coordinates": " ".join(sorted(names))} for name, names in result.items() if names}
 
 
 def with_texts(cube: xr.Dataset) -> xr.Dataset:

@@ -1,8 +1,4 @@
-"""Results of a sweep's scenarios: each stays in the table of its chunk, in memory or on disk.
-
-Of every scenario only the place of its results, its status and whether it touched are held here; what is asked for is
-gathered from the tables. Memory therefore does not grow with the outputs of a sweep whose chunks are on disk.
-"""
+"""Results of a sweep's scenarios: each stays in the table of its chunk, in memory or on disk."""
 
 from __future__ import annotations
 

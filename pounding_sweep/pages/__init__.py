@@ -43,10 +43,7 @@ def ungrouped(*texts: str) -> list[tuple[str, str]]:
 
 
 def write_page(template: str, path: Path, **contents: Any) -> Path:
-    """Fill a template, a file of the package such as ``pages/report.html.j2``, and write the page.
-
-    In templates the filter ``base64`` is for the bytes of a picture.
-    """
+    """Fill a template of the package, in which the filter ``base64`` is for the bytes of a picture; write the page."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(loader=PackageLoader("pounding_sweep", "."), autoescape=True, undefined=StrictUndefined)

@@ -128,8 +128,7 @@ def _content(cube: xr.Dataset, names: Sequence[str] | None, file: str, packed: d
     described, fields = about(cube), dict[str, Any]()
     for name in (*outputs, *inputs):
         part = cube[name].transpose(*dims, ..., missing_dims="ignore")
-        labels, values = _numbers(part)
-        packed[name] = _pack_numbers(values, rounded=count > MOST_EXACT and part.dtype.kind == "f")
+        labels, packed[name] = _pack_numbers(part, rounded=count > MOST_EXACT and part.dtype.kind == "f")
         units, title = (str(part.attrs.get(key, "")) for key in ("units", "long_name"))
         fields[name] = {
             **{"units": "" if units == "1" else units, "long_name": title or name.replace("_", " ")},
@@ -152,22 +151,16 @@ def _content(cube: xr.Dataset, names: Sequence[str] | None, file: str, packed: d
     }
 
 
-def _numbers(part: xr.DataArray) -> tuple[list[str] | None, np.ndarray]:
-    """Return values as numbers: of flags and texts their labels, and which of these each is."""
-    if "flag_meanings" in part.attrs:
-        return str(part.attrs["flag_meanings"]).split(), part.values
-    if part.dtype.kind in "iuf":
-        return None, part.values
-    labels, index = np.unique(part.values.astype(str), return_inverse=True)
-    return labels.tolist(), index
-
-
-def _pack_numbers(values: np.ndarray, *, rounded: bool) -> str:
-    """Pack numbers as little-endian float32, the first bytes of all before the second ones, which deflates well."""
+def _pack_numbers(part: xr.DataArray, *, rounded: bool) -> tuple[list[str] | None, str]:
+    """Return the labels of flags and texts, and numbers packed as float32, the first bytes of all before the second."""
+    labels, values = part.attrs["flag_meanings"].split() if "flag_meanings" in part.attrs else None, part.values
+    if values.dtype.kind not in "iuf":
+        labels, values = np.unique(values.astype(str), return_inverse=True)
     bits = np.ascontiguousarray(values, "<f4").view("<u4").ravel()
     if rounded:
         bits = (bits + np.uint32(1 << (_ROUNDED_BITS - 1))) & ~np.uint32((1 << _ROUNDED_BITS) - 1)
-    return _pack(bits.view("u1").reshape(-1, 4).T.tobytes())
+    packed = _pack(bits.view("u1").reshape(-1, 4).T.tobytes())  # deflates well
+    return labels if labels is None else list(map(str, labels)), packed
 
 
 def _choices(cube: xr.Dataset, dims: Sequence[str], drawn: Sequence[str], inputs: Sequence[str]) -> dict[str, Any]:

@@ -1,7 +1,4 @@
-"""What of the paper is reproduced: Tables 3 to 6 side by side, energies, impossible numbers, conclusions i to v.
-
-Texts and limits are those of ``data/mate2015/paper.toml``.
-"""
+"""What of the paper is reproduced: Tables 3 to 6 side by side, energies, impossible numbers, conclusions i to v."""
 
 from __future__ import annotations
 
@@ -21,21 +18,7 @@ LIMITS: dict[str, Any] = PAPER["limits"]
 #: Differences up to these count as agreement, in summaries.
 CLOSE = LIMITS["close"]
 #: How outputs are written: heading, factor, unit, digits.
-WRITTEN = {
-    "displacement_max": ("forth", 1e3, "mm", 1),
-    "displacement_min": ("back", 1e3, "mm", 1),
-    "impact_force_max": ("peak force", 1.0, "kN", 0),
-    "impact_count": ("impacts", 1.0, "", 0),
-    "energy_transfer_max": ("given at most", 1.0, "kN m", 1),
-    "energy_transfer_min": ("received at most", 1.0, "kN m", 1),
-}
-#: What the tables hold, in words, and the outputs that are it.
-_CONTENTS = {
-    3: {"displacements": ["displacement_max", "displacement_min"]},
-    4: {"peak forces": ["impact_force_max"], "impacts": ["impact_count"]},
-    5: {"peak forces": ["impact_force_max"], "impacts": ["impact_count"]},
-    6: {"energies transferred": ["energy_transfer_max", "energy_transfer_min"]},
-}
+WRITTEN: dict[str, Any] = PAPER["written"]
 #: The paper's conclusions, the criteria of their claims with the limits.
 CONCLUSIONS: list[dict[str, Any]] = [
     conclusion
@@ -293,9 +276,9 @@ def verdict_of_all(
     parts = []
     for reading in compared[3]["reading"].values.tolist():
         items: dict[Verdict, list[str]] = {verdict: [] for verdict in Verdict}
-        for number, contents in _CONTENTS.items():
+        for number, contents in PAPER["contents"].items():
             for what, names in contents.items():
-                outcome = table_outcome(compared[number], names, reading)
+                outcome = table_outcome(compared[int(number)], names, reading)
                 items[outcome.verdict].append(f"{what} of Table {number} ({outcome.numbers})")
         for one in judgements:
             if one.reading == reading:

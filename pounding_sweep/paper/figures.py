@@ -68,10 +68,7 @@ def draw_models(
 
 @in_style()
 def draw_roofs(history: str, factor: float, label: str, place: str, study: Study) -> Figure:
-    """Draw the displacement of a building's roof, on that without pounding, or the force between the roofs of a pair.
-
-    A row for each model with contact, a column for each reading; without the quiet end of the record.
-    """
+    """Draw the displacement of a roof, on that without pounding, or the force between roofs, without its quiet end."""
     values = factor * study.histories[history]
     alone, record = "building" in values.dims, study.records[-1].name
     values = values.sel({"record": record, "building" if alone else "pair": place}).dropna("time", how="all")

@@ -1,8 +1,4 @@
-"""The paper's Tables 3 to 6, the two readings of its data, and all that the report computes of them.
-
-The paper's text and its tables can't both be right: the row is as it is printed, or as the tables fit it. The paper
-leaves open which time step is fine enough, and which of the two Hertz stiffnesses of its Eqs 9 to 11 it used.
-"""
+"""The paper's Tables 3 to 6, the two readings of its data, and all that the report computes of them."""
 
 from __future__ import annotations
 
@@ -52,15 +48,6 @@ _DIMENSIONS = {
     "pair": PAIRS,
     "storey": STOREYS,
 }
-#: Columns of the files -> output of a cube, and its sign there.
-_COLUMNS = {
-    "forth": ("displacement_max", 1.0),
-    "back": ("displacement_min", -1.0),
-    "peak_force_kN": ("impact_force_max", 1.0),
-    "impacts": ("impact_count", 1.0),
-    "positive_kNm": ("energy_transfer_max", 1.0),
-    "negative_kNm": ("energy_transfer_min", -1.0),
-}
 
 
 def record_title(name: str) -> str:
@@ -79,7 +66,7 @@ def published(number: int) -> xr.Dataset:
     labels = {dim: [value for value in _DIMENSIONS[dim] if value in columns[dim]] for dim in dims}
     columns = columns.sel(labels).assign_coords(labels)
     table = xr.Dataset(attrs={"title": f"Table {number}: {TABLES[number]}"})
-    for column, (name, sign) in _COLUMNS.items():
+    for column, (name, sign) in PAPER["columns"].items():
         if column in columns:
             attrs = {"units": get_variable(name).units, "long_name": get_variable(name).long_name}
             table[name] = (sign * columns[column].astype(float) + 0.0).assign_attrs(attrs)  # no -0
@@ -94,20 +81,9 @@ FIXED = {"gap": GAP, "restitution": RESTITUTION, "stiffness_factor": 1.0, "scale
 METHOD, STEP = "rk4", 5e-4
 #: Outputs that the tables, figures and conclusions are made of.
 OUTPUTS = (
-    "displacement_max",
-    "displacement_min",
-    "storey_shear_max",
-    "acceleration_max",
-    "impact_force_max",
-    "impact_count",
-    "first_impact_time",
-    "energy_input",
-    "energy_damping",
-    "energy_held",
-    "energy_transfer_max",
-    "energy_transfer_min",
-    "contact_work",
-    "energy_residual",
+    *("displacement_max", "displacement_min", "storey_shear_max", "acceleration_max"),
+    *("impact_force_max", "impact_count", "first_impact_time", "energy_input", "energy_damping", "energy_held"),
+    *("energy_transfer_max", "energy_transfer_min", "contact_work", "energy_residual"),
 )
 #: Records that are brought to the paper's peak ground acceleration, because at hand is another processing of them.
 RESCALED = frozenset({"san_fernando"})
@@ -178,12 +154,7 @@ STEPS_COMPARED = (2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4)
 #: Relative error of displacements and forces that an engineer may accept.
 LIMIT = 0.01
 #: Outputs compared by step, with what they are called.
-STEP_OUTPUTS = {
-    "displacement_max": "displacement, forth",
-    "displacement_min": "displacement, back",
-    "impact_force_max": "peak force",
-    "impact_count": "number of impacts",
-}
+STEP_OUTPUTS: dict[str, str] = PAPER["step_outputs"]
 #: Laws whose stiffness the Hertz stiffness is.
 HERTZ_LAWS = ("hertz", "hertz_damped", "nonlinear_viscoelastic")
 #: Interval (s) of the histories that are kept; a divisor of every record's step.

@@ -362,11 +362,7 @@ def resolve_records(
 def resolve_record(
     item: object, folders: Folders = None, base: FilePath | None = None, column: str | int | None = None
 ) -> Record:
-    """Turn a record, a path or a name into one record; a record set is refused.
-
-    A text with a path separator or a record file's ending is a path, from the folder `base` on, any other a name for
-    `find_record`. A path without folder that is not in `base` is looked for in `folders` too.
-    """
+    """Turn a record, a path (from `base` on, else in `folders`) or a name into one record; a record set is refused."""
     if isinstance(item, Record):
         return item
     if not isinstance(item, str | os.PathLike):

@@ -436,13 +436,10 @@ def choose_step(source: RecordText, stated: Sequence[Step]) -> Step:
 
 def _last_places(numbers: Iterable[str]) -> Array:
     """Return the size of one unit in the last printed place in use, e.g. 0.01 for "1.25", of each number."""
-
-    def last_place(number: str) -> float:
-        mantissa, _, exponent = number.lower().replace("d", "e").partition("e")
-        return 10.0 ** (max(-400, min(300, int(exponent[:6] or 0))) - len(mantissa.partition(".")[2]))
-
+    parts = [number.lower().replace("d", "e").partition("e") for number in numbers]
+    powers = [max(-400, min(300, int(exponent[:6] or 0))) - len(x.partition(".")[2]) for x, _, exponent in parts]
     # Writers drop trailing zeros, and "%g" coarsens as time grows: the finest place still to come is the one in use.
-    return np.minimum.accumulate([*map(last_place, numbers)][::-1])[::-1]
+    return np.minimum.accumulate(10.0 ** np.array(powers[::-1], float))[::-1]
 
 
 @np.errstate(all="ignore")
@@ -453,11 +450,7 @@ def step_of_times(
     stated: Sequence[Step],
     where: str,
 ) -> Step:
-    """Find the constant step that explains the printed times, each right to half a unit in its last place.
-
-    `printed` goes through lines and printed times; `where` names their column. A `dt` of the caller wins if it explains
-    the times too.
-    """
+    """Find the constant step that explains the printed times (lines and texts), each right to half its last place."""
 
     def row(index: int) -> tuple[int, str]:
         return next(islice(printed(), index, None))

@@ -148,10 +148,7 @@ class Record:
 
     @cached_property
     def is_rough(self) -> bool:
-        """Whether its second differences are larger than its points, in the root mean square, as those of noise.
-
-        Real records have half of it, white noise two and a half times. `exact` steps shorter then beside contacts.
-        """
+        """Whether second differences exceed the points (rms), as those of noise, for which `exact` steps shorter."""
         second = np.diff(self.acceleration, 2)
         return not len(second) or bool(np.linalg.norm(second) > np.linalg.norm(self.acceleration))
 

@@ -1,7 +1,4 @@
-"""Comparisons by name, what each is, needs and makes, and their tables; and the events of a fragility.
-
-The command line and the documentation print these registries.
-"""
+"""Comparisons by name, what each is, needs and makes, and their tables; and the events of a fragility."""
 
 from __future__ import annotations
 
@@ -77,11 +74,7 @@ COMPARISONS = {key: Comparison(key, **entry) for key, entry in _TABLES["comparis
 
 
 def comparison(function: Function) -> Function:
-    """Make a function of a cube the comparison of its name.
-
-    It gets the scenarios of a cube that has what it needs; its result is read into memory, and the attributes of that
-    say which comparison it is and of which sweep.
-    """
+    """Make a function of a cube the comparison of its name; attributes of its result say which, and of which sweep."""
     key, parameters = function.__name__.replace("_", "-"), signature(function)
     kinds = {name: str(item.annotation) for name, item in parameters.parameters.items()}
 
@@ -174,10 +167,7 @@ def over_text(sizes: Mapping[Any, int]) -> str:
 
 
 def plain_rows(table: xr.Dataset) -> list[Row]:
-    """Return a row for each combination of labels: these, then the variables; None for numbers that are none.
-
-    An interval, a variable along ``bound``, is two columns.
-    """
+    """Return a row for each combination of labels: these, then the variables, of intervals both ends; None for NaN."""
     import xarray as xr
 
     columns: dict[str, xr.DataArray] = {}

@@ -21,7 +21,7 @@ from pounding_sweep.analysis.hazard import Hazard, hazard_of, log_normal_share
 from pounding_sweep.analysis.rebuild import intensity_axis, intensity_of, periods_of
 from pounding_sweep.analysis.scenarios import described, labelled, numbers_in, pounding_only, scenario_dims, trusted
 from pounding_sweep.base.errors import InputError, PoundingSweepError, check_choice
-from pounding_sweep.base.files import FilePath
+from pounding_sweep.base.files import FilePath, read_data
 from pounding_sweep.base.text import counts_text
 
 #: Intensities that differ by less than this share are one.
@@ -86,10 +86,7 @@ class LognormalFit(NamedTuple):
 
 
 def fit_lognormals(trials: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[LognormalFit]:
-    """Fit lognormals to sets of trials (intensities, and whether it happened), of one dispersion where there are more.
-
-    A set that has no fit of its own has none here, but where trials are separated: the others tell the dispersion.
-    """
+    """Fit lognormals to sets of trials (intensities, whether it happened), of one dispersion where there are more."""
     usable = [(merged(x[x > 0.0]), np.asarray(happened, dtype=bool)[x > 0.0]) for x, happened in trials]
     fits = [_fit_alone(*one) for one in usable]
     together = [i for i, fit in enumerate(fits) if fit.status in (FitStatus.FITTED, FitStatus.SEPARATED)]
@@ -161,10 +158,7 @@ def _likeliest(trials: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[Lognorma
 
 
 def record_capacities(happened: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return logarithms of the intensities of a record between which it begins to happen, shape (2,), infinite at ends.
-
-    Of a record that goes back and forth those around all beginnings that the fewest trials contradict.
-    """
+    """Return logarithms of the intensities between which a record begins, as the fewest of its trials contradict."""
     levels, number = np.unique(merged(x), return_inverse=True)
     yes, no = (np.bincount(number, part, len(levels)) for part in (happened, ~happened))
     contradict = np.append(0.0, yes.cumsum()) + np.append(no[::-1].cumsum()[::-1], 0.0)
@@ -173,10 +167,10 @@ def record_capacities(happened: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def plausible_curves(capacities: Sequence[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Return logarithms of medians, dispersions, and how plausible these are together, of curves of one dispersion.
+    """Return logarithms of medians, dispersions and how plausible they are together, of curves of one dispersion.
 
-    Each curve has the capacities of its records, shape (record, 2). Grids are refined where there is any likelihood.
-    Curves of the same records tell no more of the dispersion together than one: the mean of their likelihoods counts.
+    Each curve has the capacities of its records, shape (record, 2). Curves of the same records tell no more of the
+    dispersion together than one: the mean of their likelihoods counts.
     """
     sets = [np.unique(part, axis=0, return_counts=True) for part in capacities]
     finite = [part[np.isfinite(part)] for part in capacities]
@@ -447,18 +441,7 @@ def median_words(fit: xr.Dataset | Mapping[str, Any]) -> str:
 
 
 #: Results of a fit: dimensions of their own, unit ("": the intensity's), and what they are.
-_VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
-    "fit_status": ((), "1", "whether there is a fit"),
-    "median": ((), "", "intensity at which it is as likely as not that {event}"),
-    "dispersion": ((), "1", "standard deviation of the logarithm of that intensity"),
-    "median_interval": (("bound",), "", "confidence interval of the median"),
-    "dispersion_interval": (("bound",), "1", "confidence interval of the dispersion"),
-    "median_between": (("bound",), "", "what is known of the median where there is no fit"),
-    "trials": ((), "1", "scenarios that count"),
-    "happened_count": ((), "1", "scenarios in which {event}"),
-    "probability": (("intensity",), "1", "probability that {event}"),
-    "probability_interval": (("bound", "intensity"), "1", "confidence interval of the probability"),
-}
+_VARIABLES: dict[str, tuple[list[str], str, str]] = read_data("comparisons.toml")["fit"]
 
 
 def _fits(tables: np.ndarray, x: np.ndarray, at: np.ndarray, confidence: float | None) -> list[tuple[Any, ...]]:

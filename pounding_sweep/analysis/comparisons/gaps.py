@@ -1,8 +1,6 @@
 """The gap that each pair needs: exactly, by separation rules, and so that it touches with a given probability.
 
-Floors of a pair meet where u_left - u_right of the run without pounding reaches the gap; it grows in proportion to the
-intensity that a record is scaled to. Rules take the largest absolute displacements of the two floors by the linear run
-of each building alone. Adding a rule is adding one `SeparationRule` to `SEPARATION_RULES`.
+A rule is a table of ``data/comparisons.toml`` and a function in `_GAPS`.
 """
 
 from __future__ import annotations
@@ -11,7 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -24,7 +22,7 @@ from pounding_sweep.analysis.hazard import Hazard, hazard_of
 from pounding_sweep.analysis.rebuild import intensity_of, stored_sweep, uncoupled_runs
 from pounding_sweep.analysis.scenarios import ROUND_OFF, described, fell, labelled, peak_displacement, values
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.base.files import FilePath
+from pounding_sweep.base.files import FilePath, read_data
 from pounding_sweep.model.building import Building
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.records import Record
@@ -37,12 +35,10 @@ FROM_MEMORY = "stated from memory of the standard; the standard was not consulte
 
 @dataclass(frozen=True)
 class BehaviourFactors:
-    """Factors by which standards turn reduced displacements into real ones, and what they divide by.
+    """Factors by which standards turn reduced displacements into real ones, of all buildings or by their names.
 
-    Each is one number for all buildings, or a mapping of building name to number: ``cd``, the deflection amplification
-    Cd of ASCE 7, ``importance``, its factor Ie, a divisor, ``q``, the displacement behaviour factor of Eurocode 8, and
-    ``r``, the response reduction factor R of IS 1893. All are 1 by default, because the displacements that the rules
-    take come from linear runs under the record itself and were reduced by nothing.
+    ``cd``, the deflection amplification Cd of ASCE 7, ``importance``, its Ie, a divisor, ``q``, the displacement
+    behaviour factor of Eurocode 8, and ``r``, R of IS 1893. All are 1 by default, as linear runs reduce nothing.
     """
 
     cd: float | Mapping[str, float] = 1.0
@@ -88,15 +84,14 @@ def read_factors(texts: Mapping[str, Sequence[str]]) -> BehaviourFactors:
     return BehaviourFactors(**factors)
 
 
-@dataclass(frozen=True)
-class SeparationRule:
+class SeparationRule(NamedTuple):
     """A rule for the distance between two buildings."""
 
     key: str  # name in results
+    gap: Callable[[xr.Dataset], xr.DataArray]  # what `_neighbours` returns -> needed gap (m)
     name: str  # name in tables and figures
     title: str  # the rule in words
     formula: str  # of the displacements u1 and u2 (m)
-    gap: Callable[[xr.Dataset], xr.DataArray]  # what `_neighbours` returns -> needed gap (m)
     clause: str = "-"  # where it is from
     edition: str = "-"
     note: str = FROM_MEMORY  # what else is to be said of it
@@ -114,68 +109,21 @@ def cqc_correlation(
     return (top + same) / (bottom + same)
 
 
+_GAPS: dict[str, Callable[[xr.Dataset], xr.DataArray]] = {
+    "abs": lambda ends: ends.left + ends.right,
+    "srss": lambda ends: np.hypot(ends.left, ends.right),
+    "double_difference": lambda ends: (
+        (ends.left**2 + ends.right**2 - 2.0 * ends.correlation * ends.left * ends.right).clip(min=0.0) ** 0.5
+    ),
+    "asce7": lambda ends: np.hypot(
+        ends.left * ends.cd_left / ends.importance_left, ends.right * ends.cd_right / ends.importance_right
+    ),
+    "ec8": lambda ends: np.hypot(ends.left * ends.q_left, ends.right * ends.q_right) * (1.0 - 0.3 * ends.level),
+    "is1893": lambda ends: (ends.left * ends.r_left + ends.right * ends.r_right) * (1.0 - 0.5 * ends.level),
+}
 #: All rules by key.
-SEPARATION_RULES: dict[str, SeparationRule] = {
-    rule.key: rule
-    for rule in (
-        SeparationRule(
-            "abs",
-            "sum",
-            "sum of the largest displacements",
-            "u1 + u2",
-            lambda ends: ends.left + ends.right,
-            note="an upper bound: both displacements at once, towards each other",
-        ),
-        SeparationRule(
-            "srss",
-            "SRSS",
-            "square root of the sum of squares",
-            "sqrt(u1^2 + u2^2)",
-            lambda ends: np.hypot(ends.left, ends.right),
-            note="for responses that are not correlated",
-        ),
-        SeparationRule(
-            "double_difference",
-            "double difference",
-            "double-difference combination",
-            "sqrt(u1^2 + u2^2 - 2 rho u1 u2)",
-            lambda ends: (
-                (ends.left**2 + ends.right**2 - 2.0 * ends.correlation * ends.left * ends.right).clip(min=0.0) ** 0.5
-            ),
-            "Jeng, Kasai & Maison, Earthquake Spectra 8(2), 201-223",
-            "1992",
-            "rho by Der Kiureghian (1980), from the first periods and damping ratios",
-        ),
-        SeparationRule(
-            "asce7",
-            "ASCE 7",
-            "ASCE/SEI 7, structural separation",
-            "sqrt(dM1^2 + dM2^2), dM = Cd u / Ie",
-            lambda ends: np.hypot(
-                ends.left * ends.cd_left / ends.importance_left, ends.right * ends.cd_right / ends.importance_right
-            ),
-            "12.12.3",
-            "ASCE/SEI 7-16, 7-22",
-        ),
-        SeparationRule(
-            "ec8",
-            "Eurocode 8",
-            "Eurocode 8, seismic joint condition, buildings of one owner",
-            "sqrt((q1 u1)^2 + (q2 u2)^2), times 0.7 where all floors are level",
-            lambda ends: np.hypot(ends.left * ends.q_left, ends.right * ends.q_right) * (1.0 - 0.3 * ends.level),
-            "4.4.2.7",
-            "EN 1998-1:2004",
-        ),
-        SeparationRule(
-            "is1893",
-            "IS 1893",
-            "IS 1893, separation between adjacent units",
-            "R1 u1 + R2 u2, halved where all floors are level",
-            lambda ends: (ends.left * ends.r_left + ends.right * ends.r_right) * (1.0 - 0.5 * ends.level),
-            "7.11.3",
-            "IS 1893 (Part 1):2016",
-        ),
-    )
+SEPARATION_RULES = {
+    key: SeparationRule(key, _GAPS[key], **rule) for key, rule in read_data("comparisons.toml")["rule"].items()
 }
 
 
@@ -260,13 +208,7 @@ def required_gap(
 
 
 def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> xr.Dataset:
-    """Return what rules are made of, on pair and storey; missing where no floors meet.
-
-    ``left`` and ``right`` are the largest absolute displacements (m) of the two floors, 0 of a wall, which moves with
-    the ground; ``correlation`` that of the two responses, 0 at a wall; ``level`` whether two buildings stand there,
-    every floor of the lower of which is level with one of the other; ``cd_left`` and so on the behaviour factors;
-    ``thickness`` what bumpers take of the gap (m).
-    """
+    """Return what rules are made of, on pair and storey: peaks of both floors, correlation, level, factors, bumpers."""
     labels = {"pair": list(scene.pair_labels)}
     floors = {**labels, "storey": np.arange(1, scene.n_storeys + 1)}
     shape = len(labels["pair"]), scene.n_storeys
@@ -636,12 +578,7 @@ def _of_pair(
     exact: np.ndarray,
     row_gap: float,
 ) -> tuple[Any, ...]:
-    """Return what the required gaps of a pair come to.
-
-    They are the median and dispersion of the lognormal, how many there are, how many are none; the gaps for each share,
-    and in these years, and the annual rate of the row's gap, of each the one by the lognormal, its interval, and the
-    one of the records themselves; of the rate also the share beyond the hazard.
-    """
+    """Return median, dispersion, counts, gaps and rates of a pair: by the lognormal, its interval, and the records."""
     from scipy.stats import chi2, norm
 
     exact = exact[np.isfinite(exact)]

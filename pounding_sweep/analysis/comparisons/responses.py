@@ -535,10 +535,7 @@ def incremental(
 
 
 def on_levels(response: xr.DataArray, strength: xr.DataArray, level: xr.DataArray) -> xr.DataArray:
-    """Return ``curve``s of a response by record and direction, linear between their scales, missing outside them.
-
-    The strength is the intensity by record and scale.
-    """
+    """Return ``curve``s of a response by record and direction at intensities, linear between scales; none outside."""
     scaled = strength.dims[-1]
     part = response.transpose("record", ..., scaled)
     rows = [

@@ -173,7 +173,13 @@ def _groups(cube: xr.Dataset) -> tuple[Design, list[tuple[str, str, str]], np.nd
     design = design_of(stored)
     order = np.argsort(cube["case"].values)  # numbers from 1, points of the design innermost
     groups, counts = np.unique((cube["case"].values[order] - 1) // len(design), return_counts=True)
-    fixed = [_fixed(sweep["cases"][group * len(design)], design) for group in groups]
+    drawn = {f"{item.argument}.{item.building}" if item.building else item.name for item in design.inputs}
+    fixed = []  # what of a case the design did not draw
+    for group in groups:
+        case = sweep["cases"][group * len(design)].items()
+        named = ((key, *pair) for key, value in case for pair in (value if isinstance(value, list) else [("", value)]))
+        texts = {f"{key}.{name}".rstrip("."): str(value) for key, name, value in named}
+        fixed.append({key: text for key, text in texts.items() if key not in drawn})
     for texts, count in zip(fixed, counts, strict=True):
         if count < len(design):
             raise InputError(
@@ -187,14 +193,6 @@ def _groups(cube: xr.Dataset) -> tuple[Design, list[tuple[str, str, str]], np.nd
         others = " ".join(f"{key}={texts[key]}" for key in varied if key not in ("law", "record"))
         labels.append((texts["law"], texts.get("record", "drawn"), others))
     return design, labels, rows
-
-
-def _fixed(case: dict[str, Any], design: Design) -> dict[str, str]:
-    """Return what of a case the design did not draw, as names and texts."""
-    drawn = {f"{item.argument}.{item.building}" if item.building else item.name for item in design.inputs}
-    parts = {key: value if isinstance(value, list) else [("", value)] for key, value in case.items()}
-    flat = {f"{key}.{name}".rstrip("."): str(value) for key, pairs in parts.items() for name, value in pairs}
-    return {key: text for key, text in flat.items() if key not in drawn}
 
 
 def _indices(table: np.ndarray, confidence: float, resamples: int) -> tuple[np.ndarray, np.ndarray, int]:

@@ -1,7 +1,4 @@
-"""How often pairs touch with each gap of a cube, by its own runs, and the gaps for given rates.
-
-`gaps.gap_for_probability` takes these for rows that yield, whose required gaps do not grow with the intensity.
-"""
+"""How often pairs of a row that yields touch with each gap of a cube, by its own runs, and gaps for given rates."""
 
 from __future__ import annotations
 
@@ -22,12 +19,9 @@ _STEPS, _UNTRIED = 200, 0.5
 def gaps_of_stripes(
     cube: xr.Dataset, site: Hazard, strength: xr.DataArray, rates: np.ndarray, **motions: Any
 ) -> tuple[dict[str, xr.DataArray], dict[str, xr.DataArray]]:
-    """Return what is known of gaps, and annual rates of touching and gaps for some, with ends along ``number``.
+    """Return what is known of gaps, and annual rates and gaps for some, by lognormals convolved with the hazard.
 
-    A lognormal against the intensity is fitted for each gap, all with one dispersion, and convolved with the hazard.
-    ``rate`` is along ``gap_number``, ``gap_in_years`` along ``probability``, with ``more_than`` or ``less_than`` beside
-    it; ``row_gap`` are the gaps (m). `strength` are the intensities, `motions` arguments of `fragility` that say which,
-    and the confidence. See "With a hazard curve" in ``docs/comparisons.md``.
+    See "With a hazard curve" in ``docs/comparisons.md``; `motions` are arguments of `fragility`.
     """
     what = "a gap for a probability of a row that yields"
     check_needs(cube, what, several=["gap"], laws=1)

@@ -7,7 +7,7 @@ from collections.abc import Collection
 from itertools import cycle, product
 from string import ascii_lowercase
 from textwrap import fill
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -89,10 +89,7 @@ _LAWS = 3
 
 
 def _draw_records(panel: Any, along: np.ndarray, values: np.ndarray, style: Any, *, upright: bool = False) -> None:
-    """Draw a line for each of few records (axis 1 of the values), of many the band of the middle two thirds.
-
-    Unless they are `upright`, values of 0 are no contact: lines end there, and that of the largest record is drawn too.
-    """
+    """Draw a line for each of few records (axis 1), of many their middle two thirds; 0 is no contact but `upright`."""
     values_drawn = values if upright else np.where(values == 0.0, np.nan, values)
     if values.shape[1] <= _NAMED:
         panel.plot(*(values_drawn, along)[:: 1 if upright else -1], **style | _EACH)
@@ -117,11 +114,7 @@ def _first_laws(cube: xr.Dataset, *, contact: bool) -> tuple[list[str], str]:
 def _draw_laws(
     result: xr.Dataset, rows: Collection[str], per: str, axis: PlotAxis, size: Any, words: str, ax: Any = None
 ) -> tuple[Any, str]:
-    """Draw a row of panels for each variable, a column for each pair or building, and in it a line for each law.
-
-    Lines are medians of the records, and end where these are 0: where more than half of the records don't touch. The
-    text says how many they are before `words`.
-    """
+    """Draw a row of panels for each variable, a column for each `per`, a line (median of records) for each law."""
     result = result[[*rows]].sortby(axis.name)
     median, words = over_records(result, words, rows)
     axes = subplots(len(rows), result.sizes[per], size, ax)
@@ -143,10 +136,9 @@ def _draw_laws(
 def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = None, ax: Any = None) -> Figure:
     """Draw the largest contact force and the impacts of each pair against the gap, or another axis, law by law.
 
-    Of the storeys of a pair the largest is shown. By default along the gap, or, where there is one gap, along the
-    first axis that varies. Of several records lines are the median, beside each or, of more than eight, a band. They
-    end where contact ends, the median where more than half do not touch. Of all other axes the middle value is shown
-    at which floors touch; the caption names it. Impacts up to 100 and more are on a logarithmic axis.
+    Of the storeys of a pair the largest is shown. Of several records lines are the median, beside each or, of more than
+    eight, a band; they end where more than half do not touch. Of other axes the middle value is shown at which floors
+    touch; the caption names it.
     """
     check_value(value, _FORCES)
     cube = pounding_only(with_dims(cube, "law", "gap"))
@@ -168,11 +160,9 @@ def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = Non
 def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None = None, ax: Any = None) -> Figure:
     """Draw responses with pounding over responses without, by building and law.
 
-    One column per building, one row per response, three at most, one line per law that has values: the largest over
-    storeys; over the storeys themselves where no axis varies. By default along the first of gap, stiffness, scale,
-    restitution and building properties that varies. Of several records lines are the median, beside each or, of more
-    than eight, their band; of the other axes the middle value is shown at which floors touch, which the caption names.
-    The grey line at 1 is no change.
+    One column per building, one row per response, three at most, one line per law: the largest over storeys, or over
+    the storeys where no axis varies. Of several records lines are the median, beside each or, of more than eight, their
+    band; of other axes the middle value is shown, which the caption names. The grey line at 1 is no change.
     """
     present = [name for name in _AMPLIFIED if name in cube or {*needed_for([name])} <= {*cube.data_vars}]
     check_value(value, present)
@@ -247,67 +237,14 @@ def response_map(
 
     ``value`` is a variable of the cube, or the amplification of one, such as ``drift_max_ratio``, for which the sweep
     has the law "none". Axes may be coordinates along one, such as ``period_ratio_left_right``; ``period_ratio`` means
-    the first of these. By default they are the first that vary of: period ratios, gap, stiffness, scale, restitution,
-    other building properties, records, storeys. Records are in the order of the cube.
+    the first of these.
 
     One column per pair or building, one row per law, three at most. Shown is the largest over storeys (of what is
-    negative or comes first, the smallest), of several records the median, of the other axes the middle value at which
-    floors touch, which the caption names. Grey cells have no contact under any record, light grey ones under more than
-    half of them (with the share of records that touch), hatched ones no scenario that is ok. All panels share one scale
-    of colours, logarithmic for 100 impacts and more; of amplifications its middle is 1, no change. There are no
-    contours along records. A value of whole scenarios, such as ``status``, has one column; of the
-    status of several records the worst is shown.
+    negative or comes first, the smallest), of several records the median (of the status the worst), of other axes the
+    middle value, which the caption names. Grey cells have no contact under any record, light grey ones under more than
+    half of them (with the share that touches), hatched ones no scenario that is ok. Panels share one scale of colours,
+    logarithmic for 100 impacts and more; of amplifications its middle is 1.
     """
-    drawn = _prepare_map(cube, x, y, value)
-    cube, size = drawn.cube, (2.2, 2.6, 1.3, 2.3)
-    if cube.sizes["law"] * cube.sizes[drawn.per] == 1:
-        size = (5.6, 0.0, 4.2, 0.0)
-    axes = subplots(cube.sizes["law"], cube.sizes[drawn.per], size, ax)
-    colours, levels, ticks = _choose_colours(cube["value"].values, drawn.name, drawn.ratio)
-    levels = levels if contours and "record" not in drawn.dims else ()
-    grid = [axis.values(cube) for axis in (drawn.across, drawn.upward)]
-    for panel, part in panels(axes, cube, "law", drawn.per):
-        mesh = _fill_map(panel, part, grid, colours, levels)
-        for axis, along, at in zip((panel.xaxis, panel.yaxis), (drawn.across, drawn.upward), grid, strict=True):
-            scale_axis(axis, at, marked=True)
-            if names := _label_ticks(cube, along.name, drawn.per):
-                axis.set_ticks(at, names, rotation=30 * (axis is panel.xaxis), ha="right")
-    axes[0, 0].figure.colorbar(mesh, ax=axes, label=drawn.label, **ticks).minorticks_off()
-    hatched, shade = bool((cube["value"].isnull() & cube["share"].isnull()).any()), colormaps["Greys"]
-    none = "no such storey or " * ("storey" in drawn.dims) + "not ok"
-    for text, is_drawn, look in (
-        (none, hatched, {"facecolor": "white", "edgecolor": "0.75", "hatch": "////"}),
-        ("no contact", (cube["share"] == 0.0).any(), {"color": shade(0.3)}),
-        ("less than half of the records touch", (cube["share"] > 0.0).any(), {"color": shade(0.1)}),
-    ):
-        axes[0, 0].fill_between([], [], label=text if is_drawn else "", **look)
-    subject = f"{long_name(cube['value'], drawn.name)} by {drawn.across.name} and {drawn.upward.name}"
-    notes = *drawn.notes, "hatched: info --status says why" * hatched
-    return finish(axes, drawn.across.label, drawn.upward.label, subject, *notes)
-
-
-class _Map(NamedTuple):
-    """What a map draws."""
-
-    #: on (law, per, upward, across): ``value`` in the unit that is drawn, and ``share``, of the records that touch,
-    #: where that is drawn in its place
-    cube: xr.Dataset
-    across: PlotAxis
-    upward: PlotAxis
-    per: str  # dimension with a column of panels for each label
-    name: str  # variable
-    label: str  # its name and unit
-    ratio: bool  # whether it is an amplification
-    notes: tuple[str, ...]  # parts of the caption
-
-    @property
-    def dims(self) -> tuple[str, str]:
-        """Dimensions along which it is drawn."""
-        return self.upward.dim, self.across.dim
-
-
-def _map_axes(cube: xr.Dataset, x: str | None, y: str | None) -> tuple[PlotAxis, PlotAxis]:
-    """Return the axes of a map, across and upward: those asked for, else the first period ratio and the first axis."""
     upward = choose_axis(cube, y, labels=LABELS) if y else None
     used = [upward.dim] if upward else []
     periods = (axis.name for axis in plot_axes(cube).values() if "period_ratio_" in axis.name and axis.dim not in used)
@@ -315,12 +252,35 @@ def _map_axes(cube: xr.Dataset, x: str | None, y: str | None) -> tuple[PlotAxis,
     upward = upward or choose_axis(cube, None, [across.dim] if across else [], LABELS)
     assert across is not None
     assert upward is not None
-    return across, upward
+    cube, per, name, label, is_ratio, notes = _prepare_map(cube, across, upward, value)
+    size, along_both = (2.2, 2.6, 1.3, 2.3), (upward.dim, across.dim)
+    if cube.sizes["law"] * cube.sizes[per] == 1:
+        size = (5.6, 0.0, 4.2, 0.0)
+    axes = subplots(cube.sizes["law"], cube.sizes[per], size, ax)
+    colours, levels, ticks = _choose_colours(cube["value"].values, name, is_ratio)
+    levels = levels if contours and "record" not in along_both else ()
+    grid = [axis.values(cube) for axis in (across, upward)]
+    for panel, part in panels(axes, cube, "law", per):
+        mesh = _fill_map(panel, part, grid, colours, levels)
+        for axis, along, at in zip((panel.xaxis, panel.yaxis), (across, upward), grid, strict=True):
+            scale_axis(axis, at, marked=True)
+            if names := _label_ticks(cube, along.name, per):
+                axis.set_ticks(at, names, rotation=30 * (axis is panel.xaxis), ha="right")
+    axes[0, 0].figure.colorbar(mesh, ax=axes, label=label, **ticks).minorticks_off()
+    hatched, shade = bool((cube["value"].isnull() & cube["share"].isnull()).any()), colormaps["Greys"]
+    none = "no such storey or " * ("storey" in along_both) + "not ok"
+    for text, is_drawn, look in (
+        (none, hatched, {"facecolor": "white", "edgecolor": "0.75", "hatch": "////"}),
+        ("no contact", (cube["share"] == 0.0).any(), {"color": shade(0.3)}),
+        ("less than half of the records touch", (cube["share"] > 0.0).any(), {"color": shade(0.1)}),
+    ):
+        axes[0, 0].fill_between([], [], label=text if is_drawn else "", **look)
+    subject = f"{long_name(cube['value'], name)} by {across.name} and {upward.name}"
+    return finish(axes, across.label, upward.label, subject, *notes, "hatched: info --status says why" * hatched)
 
 
-def _prepare_map(cube: xr.Dataset, x: str | None, y: str | None, value: str | None) -> _Map:
-    """Take what a map draws from a cube."""
-    across, upward = _map_axes(cube, x, y)
+def _prepare_map(cube: xr.Dataset, across: PlotAxis, upward: PlotAxis, value: str | None) -> tuple[Any, ...]:
+    """Return ``value`` as drawn and ``share`` that touches; who has columns; name and label; is it a ratio; notes."""
     ratios = [f"{name}_ratio" for name in ("displacement_peak", *AMPLIFIED)]
     if value in ratios and value not in cube:
         cube = result_of(cube, "amplification", responses=needed_for([value]))
@@ -349,7 +309,7 @@ def _prepare_map(cube: xr.Dataset, x: str | None, y: str | None, value: str | No
     if "storey" in dims:
         cube = cube.sel(storey=labels_with_values(cube, "storey", ["value", "share"]))
     notes = selection, others, "largest of the storeys" * over_storeys
-    return _Map(cube.transpose("law", per, *dims), across, upward, per, name, label, ratio, notes)
+    return cube.transpose("law", per, *dims), per, name, label, ratio, notes
 
 
 def _fill_map(panel: Any, part: xr.Dataset, grid: list[np.ndarray], colours: Any, levels: Any) -> Any:
@@ -462,9 +422,9 @@ _ROWS: tuple[tuple[tuple[str, ...], str, str], ...] = (
 def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
     """Draw peak displacement, drift, storey shear and acceleration over the height, law by law.
 
-    One column per building, one row per response, one line per law: of more than three with contact the first three, as
-    the caption says. Of several records lines are the median, beside each or, of more than eight, their band.
-    Of all other axes the middle value is shown at which floors touch; the caption names it.
+    One column per building, one row per response, one line per law, three with contact at most. Of several records
+    lines are the median, beside each or, of more than eight, their band. Of other axes the middle value is shown; the
+    caption names it.
     """
     row_of = {name: row for row in _ROWS for name in row[0] if name in cube.data_vars}
     check_value(value, row_of)
@@ -523,11 +483,9 @@ _PARTS: dict[str, dict[str, Any]] = {
 def energy_budget(cube: xr.Dataset) -> Figure:
     """Draw where the energy of each building went, law by law.
 
-    One bar per law that has values, at the end of the run. One panel per building: what was lost in damping (and
-    in yielding, or given to links, where there are), what is left and what was given away, stacked; energy taken
-    from neighbours hangs below zero. A line marks the input, which the bar's parts sum to. The last panel is the
-    work that the contacts of each pair took. Of all axes but ``law`` the middle value is shown: an energy balance
-    is one scenario's.
+    One bar per law, at the end of the run: what was lost in damping, in yielding or to links, what is left and what was
+    given away, stacked; energy taken from neighbours hangs below zero. A line marks the input, which the parts sum to.
+    The last panel is the work that the contacts of each pair took. Of all axes but ``law`` the middle value is shown.
     """
     result, selection = select_default(result_of(cube, "energy"), ("law",), ["energy_input"])
     result = with_dims(result, "law", absent="").fillna(0.0)
@@ -600,10 +558,9 @@ def _name_records(result: xr.Dataset) -> str:
 def fragility(cube: xr.Dataset, *, event: str | None = None, level: str | float | None = None) -> Figure:
     """Draw the probability of an event, by default that a pair touches, against intensity, with its confidence.
 
-    One panel per pair or building. Lines are the values of the first axis that varies (gap, stiffness, ...), five at
-    most, evenly chosen, or else the laws; of the other axes, and of the laws with contact, the middle value is shown.
-    Bands are confidence intervals, between the least and the greatest intensity tried; marks are the shares observed at
-    each intensity where trials share them (stripes), else in classes of about equal numbers of trials. The caption says
+    One panel per pair or building. Lines are the values of the first axis that varies, five at most, or else the laws;
+    of the others the middle value is shown. Bands are confidence intervals; marks are the shares observed at each
+    intensity where trials share them (stripes), else in classes of about equal numbers of trials. The caption says
     where curves cross, footnotes why there is no fit or no band.
     """
     result = result_of(cube, "fragility", event=event or "touch", level=level)
@@ -684,9 +641,8 @@ _FAR = 1e9
 def incremental(cube: xr.Dataset, *, value: str | None = None, turn: bool = False, names: bool = False) -> Figure:
     """Draw intensity against a response, record by record, with the fractiles of the suite (IDA curves).
 
-    One column per pair or building, one row per law, three at most. Shown is the largest over storeys, or the storey
-    that was selected. Fractiles are drawn at intensities that half of the curves reach, and enough that one lies beyond
-    the fractile (7 for 16 % and 84 %); the caption says if there are none, and why.
+    One column per pair or building, one row per law, three at most. Shown is the largest over storeys, or the selected
+    one. Fractiles are drawn where half of the curves reach, and enough that one lies beyond the fractile (7 for 16 %).
     """
     check_value(value, responses_of(cube, "an incremental curve", None))
     name, label, factor, per = choose_response(cube, "incremental", value)

@@ -315,11 +315,7 @@ def draw_at_rest(cube: xr.Dataset) -> Figure:
 def draw_row(
     one: xr.Dataset, below: int = 0, ax: Any = None, *, numbers: bool = False
 ) -> tuple[Any, float, Callable[[int, np.ndarray], None]]:
-    """Draw what does not move of a row, and make what does.
-
-    Returned are its panels (`below` flat ones last), how much larger than they are displacements and gaps are
-    drawn, and what moves the row to an instant: with areas of the marks of impacts, 0 to 1, per pair and storey.
-    """
+    """Draw a row; return panels, the factor on its motion, and what moves it to an instant, marks of areas 0 to 1."""
     scene = stored_scene(one)
     is_wall = np.array([isinstance(item, Wall) for item in scene.row])
     still = xr.zeros_like(one.displacement.isel(storey=0, drop=True).reset_coords(drop=True))
