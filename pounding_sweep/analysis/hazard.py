@@ -33,8 +33,6 @@ _RATE = re.compile(r"(?<![a-z])(?:rate|freq|m?afe(?![a-z])|lambda)", re.IGNORECA
 _PROBABILITY = re.compile(r"(?<![a-z])(?:poe|prob|exceedance)", re.IGNORECASE)
 _SPAN = re.compile(r"(\d+(?:[.,]\d+)?)[\s_-]*y|(annual|yearly|per year)", re.IGNORECASE)
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
-#: Least dispersion that is told from none.
-_SHARP = 1e-9
 #: Logarithms of capacities that are looked for are this far from those of the points at most.
 _FAR = 1e6
 
@@ -150,7 +148,7 @@ class Hazard:
     def _pieces(self, log_median: np.ndarray, dispersion: np.ndarray) -> np.ndarray:
         """Return what each stretch between points, the first and the last beyond them, gives to the mean rate."""
         x, rates, slopes = self._lines()
-        mu, beta = np.broadcast_arrays(np.asarray(log_median, float), np.maximum(dispersion, _SHARP))
+        mu, beta = np.broadcast_arrays(np.asarray(log_median, float), np.maximum(dispersion, 1e-9))  # told from none
         # of each stretch: its ends, a point of it, and the power
         ends = np.concatenate([[-np.inf], x, [np.inf]])
         stretches = ends[:-1], ends[1:], np.append(x[0], x), np.append(rates[0], rates), np.pad(slopes, 1, "edge")

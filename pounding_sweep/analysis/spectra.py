@@ -26,8 +26,6 @@ Numbers = float | Sequence[float] | Array
 DEFAULT_DAMPING = 0.05
 #: Periods (s) of spectra where none are asked for.
 DEFAULT_PERIODS = np.concatenate([[0.0], np.geomspace(0.02, 10.0, 200)])
-#: Relative unevenness of a time axis that is put down to rounding.
-_UNEVEN = 1e-6
 
 #: Units and long name of each spectral ordinate.
 ORDINATES: dict[str, tuple[str, str]] = {
@@ -147,7 +145,7 @@ def floor_spectra(
     if time.size < 2:
         raise InputError(f"the histories have {time.size} time; a spectrum needs at least 2")
     dt = float(time[-1] - time[0]) / (time.size - 1)
-    if not np.allclose(np.diff(time), dt, rtol=_UNEVEN, atol=0):
+    if not np.allclose(np.diff(time), dt, rtol=1e-6, atol=0):
         raise InputError(
             "the histories' times are not evenly spaced; interpolate them first: histories.interp(time=...)"
         )

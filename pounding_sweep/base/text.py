@@ -37,10 +37,6 @@ def label_fault(text: str, longest: int = LONGEST_LABEL) -> str:
     return f"has {len(text)} characters; at most {longest} will do" if len(text) > longest else ""
 
 
-#: Lines that a cell of a table may be folded into.
-_MOST_LINES = 4
-
-
 def print_json(value: Any) -> None:
     """Print one JSON value."""
     # what is left of control characters is escaped as JSON does
@@ -115,7 +111,7 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], right: S
         [textwrap.wrap(cell, width) if len(cell) > width else [cell] for cell, width in zip(line, widths, strict=True)]
         for line in lines
     ]
-    if sum(widths) > free or max(len(cell) for row in folded for cell in row) > _MOST_LINES:
+    if sum(widths) > free or max(len(cell) for row in folded for cell in row) > 4:
         print("\n\n".join(pairs_text([*zip(lines[0], row, strict=True)], 0, terminal_width()) for row in lines[1:]))
         return
     for wrapped in folded:

@@ -112,10 +112,6 @@ def _print_trade(trade: xr.Dataset, everything: bool) -> None:
         print_table(headings[:-1], [row[:-1] for row in rows], right)
 
 
-#: Violations that are printed in full.
-MOST_FAULTS = 20
-
-
 @command("extremes")
 def extremes_command(
     sweep: Path | None = app.argument("SWEEP.toml", "Sweep file whose row and laws are judged in place of families."),
@@ -183,7 +179,7 @@ def _print_extremes(report: dict[str, Any]) -> None:
             rows.append([form.format(**values) for form in ("{family}", "{method}", *forms.values())])
         print_table(["family", "scheme", *forms], rows, right=range(2, len(forms) + 2))
         print()
-    for fault in [fault for result in results for fault in result["violations"]][:MOST_FAULTS]:
+    for fault in [fault for result in results for fault in result["violations"]][:20]:
         gaps = ", ".join(f"{g:.4g}" for g in fault["gaps"]) or "-"
         print(
             "{family} ({case}), {law}, {method} {precision}, dt {dt:g} s, k {stiffness:.4g}, e {restitution:.4g}, "

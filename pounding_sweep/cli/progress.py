@@ -17,8 +17,6 @@ from pounding_sweep.run.execute import STAGES, Progress
 
 #: Seconds between two lines of progress.
 BETWEEN_LINES = 30.0
-#: Seconds at the beginning of a stage that say nothing about its rate: what an earlier run finished is counted in them.
-TAKING_UP = 1.0
 
 
 class _LenientStream:
@@ -76,8 +74,8 @@ class ProgressDisplay(Progress):
         if not self._bars.tasks:
             return
         (task,), now = self._bars.tasks, self._clock()
-        if now - self._begun < TAKING_UP:
-            task.completed += count  # without a rate
+        if now - self._begun < 1.0:
+            task.completed += count  # without a rate: what an earlier run finished
         else:
             self._bars.advance(task.id, count)
         if now - self._line >= BETWEEN_LINES and not self._is_terminal:

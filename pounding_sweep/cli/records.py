@@ -31,9 +31,6 @@ _COLUMNS: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
     ("points", "points", str),
 )
 
-#: Lines on records of a sweep, and records of one set, folder or kind of file that have a line together.
-_LISTED, _ALIKE = 20, 4
-
 Column = Annotated[
     str | None, option("COLUMN", "Heading or number of the component, for files that have several.", default=...)
 ]
@@ -102,8 +99,8 @@ def print_read(rows: list[dict[str, Any]], missing: list[str], files: list[tuple
     lines, listed = list(files), 0
     for _, group in itertools.groupby(rows, lambda row: (row["group"], row["read"])):
         rows_of_kind = list(group)
-        for part in [rows_of_kind] if len(rows_of_kind) >= _ALIKE else [[row] for row in rows_of_kind]:
-            if len(lines) - len(files) < _LISTED:
+        for part in [rows_of_kind] if len(rows_of_kind) >= 4 else [[row] for row in rows_of_kind]:
+            if len(lines) - len(files) < 20:
                 lines.append(_line(part))
                 listed += len(part)
     if len(rows) > listed:

@@ -19,8 +19,6 @@ from pounding_sweep.records import NAMED_RECORDS
 from pounding_sweep.request.axes import AXES, DIMENSIONS
 from pounding_sweep.variables.registry import INNER_DIMS, VARIABLES
 
-#: Lines in a panel at most.
-_LINES_SHOWN = 5
 #: Responses that are drawn, the first that is there.
 RESPONSES = (
     *("impact_force_max", "drift_max", "displacement_max", "acceleration_max", "storey_shear_max"),
@@ -33,9 +31,6 @@ _AXES = {*INNER_DIMS, "law", "record", "case", *(dim for dims in DIMENSIONS.valu
 _BY_NAME = tuple(f"{axis.dimension}_" for axis in AXES.values() if axis.by)
 #: Axes against which a comparison is drawn, the first of those that vary; then building properties.
 _DRAWN_ALONG = ("gap", "stiffness_factor", "stiffness", *DIMENSIONS["scale"], "restitution")
-#: Characters in a line of an axis label; values of an axis up to which each has a tick of its own; largest over
-#: smallest value from which an axis may be logarithmic.
-_LABEL, _TICKS, _WIDE = 36, 8, 3.999
 
 
 class NothingToDrawError(InputError):
@@ -119,7 +114,7 @@ def coord_text(dataset: xr.Dataset, name: str) -> str:
 
 def select_lines(result: xr.Dataset, axis: str) -> xr.Dataset:
     """Return five values of an axis at most, evenly chosen: each has a line."""
-    places = np.linspace(0, result.sizes[axis] - 1, _LINES_SHOWN).round()
+    places = np.linspace(0, result.sizes[axis] - 1, 5).round()
     return result.isel({axis: np.unique(places).astype(int)})
 
 
@@ -233,7 +228,7 @@ def plot_axis(result: xr.Dataset, name: str) -> PlotAxis:
     unit, factor = drawn_unit(result[name].attrs)
     words = "gap" if name == "gap" else long_name(result[name], name)
     words += f"\xa0({unit or '-'})" if result[name].dtype.kind in "iuf" else ""
-    label = fill(words, _LABEL).replace("\xa0", " ")  # a unit stays with the last word
+    label = fill(words, 36).replace("\xa0", " ")  # a unit stays with the last word
     return PlotAxis(str(result[name].dims[0]), name, label, factor)
 
 
@@ -280,7 +275,7 @@ def scale_axis(axis: Any, values: np.ndarray, *, marked: bool = False) -> None:
     """Make an axis of a panel logarithmic if its values are; a tick at each if they are few and it is, or `marked`."""
     if log := is_log(values):
         use_logarithms(axis)
-    if len(values) <= _TICKS and (log or marked):
+    if len(values) <= 8 and (log or marked):
         axis.set_ticks(values, [f"{value:g}" for value in values])
 
 
@@ -294,7 +289,7 @@ def use_logarithms(axis: Any) -> None:
 
 def is_log(values: np.ndarray) -> bool:
     """Whether values are spaced in even ratios rather than evenly, over a wide range."""
-    if len(values) < 3 or values.min() <= 0.0 or values.max() < _WIDE * values.min():
+    if len(values) < 3 or values.min() <= 0.0 or values.max() < 3.999 * values.min():
         return False
     steps, ratios = np.diff(values), np.diff(np.log(values))
     return bool(np.ptp(ratios) / ratios.mean() < np.ptp(steps) / steps.mean())

@@ -36,12 +36,8 @@ _CODED = frozenset({"records", "records_left_out", "sweep", "accuracy_numbers", 
 #: Counts that a cube keeps of one that its results were taken from.
 _COUNTS = {"scenarios_asked": "asked", "scenarios_run": "run", "scenarios_taken": "taken"}
 _WIDTH = 100
-#: Values of an axis up to which scenarios that are not ok are counted for each.
-MOST_VALUES = 200
 #: What listed cases may share.
 _LISTED = ("law", "record", "contact_stiffness", *(axis.dimension for axis in AXES.values() if not axis.by))
-#: Digits of a digest that tell it from others.
-_DIGITS = 12
 
 
 def _number(value: Any) -> str:
@@ -77,14 +73,10 @@ def about(dataset: xr.Dataset) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``title``, ``history``, ``versions`` and other attributes, by their names; those that are JSON, such as
-        ``records``, ``sweep``, ``merged_from`` and ``extended_from``, as what they hold. ``dims``: dimensions with
-        ``size``, ``values``, ``units`` and ``long_name``; ``variables``: with ``dims``, ``units`` and ``long_name``;
-        ``scenarios``: how many there are; ``statuses``: scenarios by name of their status; ``not_ok``: each status
-        but ok, ``where`` its scenarios are and their number ``by_value`` of each axis;
-        ``audit``: rows of `pounding_sweep.output.audited.audit_table`;
-        ``row``: names and descriptions of `pounding_sweep.request.spec.overview`.
-        Numbers that are not finite are None.
+        ``title``, ``history``, ``versions`` and other attributes, JSON as what it holds; ``dims`` and ``variables``;
+        ``scenarios``, how many; ``statuses``, by name; ``not_ok``: each status but ok, ``where`` its scenarios are and
+        their number ``by_value`` of each axis; ``audit``: rows of `pounding_sweep.output.audited.audit_table`;
+        ``row``: names and descriptions. None for what is not finite.
 
     Examples
     --------
@@ -140,7 +132,7 @@ def failures(dataset: xr.Dataset) -> list[dict[str, Any]]:
     ends = [end for end in statuses(status) if end["status"] != Status.OK]
     for end in ends:
         end["by_value"], words = [], []
-        for name in (name for name in axes if 1 < np.unique(dataset[name]).size <= MOST_VALUES):
+        for name in (name for name in axes if 1 < np.unique(dataset[name]).size <= 200):
             groups = (status == end["status"]).groupby(name)
             values = (groups.sum(...)[name], groups.sum(...), groups.count(...))
             table = zip(*(array.values.tolist() for array in values), strict=True)
@@ -268,7 +260,7 @@ def _range(values: xr.DataArray, status: xr.DataArray | None) -> str:
 def _record_row(record: Mapping[str, Any]) -> tuple[str, ...]:
     more = {key: _number(value) for key, value in record.items() if key != "pga" and value not in ("", None)}
     name = more.pop("name")
-    texts = [f"{key} {text[:_DIGITS] if key == 'sha256' else text}" for key, text in more.items()]
+    texts = [f"{key} {text[:12] if key == 'sha256' else text}" for key, text in more.items()]
     return _short(name), f"PGA {_number(record['pga'])} m/s2", _short(", ".join(texts), 2 * _WIDTH)
 
 
@@ -277,7 +269,7 @@ def _source_row(source: Mapping[str, Any]) -> tuple[str, ...]:
     counts = [f"{source[name]} {text}" for name, text in _COUNTS.items() if name in source]
     if source.get("made_from"):
         counts.append(f"made from {', '.join(source['made_from'])}")
-    makers = {"source": str(source.get(SOURCE_ATTRIBUTE, ""))[:_DIGITS]}
+    makers = {"source": str(source.get(SOURCE_ATTRIBUTE, ""))[:12]}
     makers |= {name: source.get(f"{name}_version", "") for name in LIBRARIES}
     made = ", ".join(f"{name} {maker}" for name, maker in makers.items() if maker)
     return tuple(map(_short, (source["file"], source.get("history", ""), ", ".join(counts), made)))

@@ -323,13 +323,11 @@ def export_cube(
     -----
     The table has a row for each floor and each contact of each scenario. With `table` it has one for each scenario:
     what tells scenarios apart, every output at every place (``impact_force_max_left_middle_3``), status,
-    ``ground_pga`` and other measures of its record, and ``audited_error_<output>`` where the audit ran it again; of a
-    cube of a part of the row only with `parts`, as its scenarios are known by the whole one. Of a scenario with its
-    histories the table has a row for each moment, by default without what has no history.
+    ``ground_pga`` and other measures of its record, and ``audited_error_<output>`` where the audit ran it again. Of a
+    scenario with its histories the table has a row for each moment.
 
     ``status_name`` and ``origin_name`` have each status and origin in words, and a CSV file 7 digits of values that are
-    no axis. Units and long names stand in ``FILE.csv.json``, or in the metadata of the columns of a Parquet file. In
-    Zarr all is as in the cube, without its audit.
+    no axis. Units and long names stand in ``FILE.csv.json``, or in the metadata of a Parquet file.
 
     Examples
     --------

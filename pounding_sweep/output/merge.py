@@ -58,8 +58,6 @@ MIX_REMEDY = (
     "Where you know that what changed between sources or libraries of one version touches no result, allow both: "
     "mix_sources=True, on the command line --mix-sources; the cube names the source of each"
 )
-#: Values of an axis that differ by less than this were meant to be the same.
-NEARLY = 1e-9
 #: Scenarios, missing or in conflict, that are named.
 NAMED = 5
 #: Relative difference between two results of the same scenario that is no conflict.
@@ -119,12 +117,9 @@ def merge_cubes(
 
     Notes
     -----
-    No more than a slab of the cube is in memory at a time. Of identical results of a scenario the
-    first part's is taken. Counts of what was run are sums over the runs that made the parts, each once: a part may
-    hold others of them, or be a copy of one.
-
-    Cases are known by law, record, scale, gaps, stiffness, restitution and building properties. The cube has each
-    once, in the order given, numbered anew; labels that a user gave them in place of numbers are kept.
+    No more than a slab of the cube is in memory at a time. Of identical results the first part's is taken. Counts are
+    sums over the runs that made the parts, each once. The cube has each case once, in the order given, numbered anew
+    unless a user gave them labels.
 
     Examples
     --------
@@ -287,7 +282,7 @@ def merge_values(what: str, parts: Sequence[Sequence[Any]]) -> list[Any]:
         return values
     rising = sorted(values)
     for a, b in pairwise(rising):
-        near = abs(b - a) <= NEARLY * max(abs(a), abs(b))
+        near = abs(b - a) <= 1e-9 * max(abs(a), abs(b))
         if near and not any(a in part and b in part for part in parts):  # a part with both means them apart
             raise InputError(
                 f"{what} has the values {a!r} and {b!r}, the same but for rounding; run one part again with the other"

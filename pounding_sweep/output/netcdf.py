@@ -39,9 +39,6 @@ BLOCK_BYTES, SLAB_BYTES = 2**20, 2**25
 ENCODING = "utf-8"
 #: Endings of files that are not netCDF: sweep files, and what cubes are exported to.
 _OTHER_ENDINGS = frozenset({".csv", ".parquet", ".zarr", ".toml"})
-#: Memory (bytes) in which a variable of an opened cube keeps what was read last; the library's 64 MiB are too much
-#: for the many variables of a cube.
-READ_CACHE = 2**22
 #: How arrays are compressed, except those that are written slab by slab, and the least size (bytes) of one that is: to
 #: begin with it costs as much as to write it.
 COMPRESSION: Any = {"complevel": 4, "shuffle": True}
@@ -363,7 +360,7 @@ def open_cube(path: FilePath) -> xr.Dataset:
     try:
         with NETCDF_LOCK:
             cache = netCDF4.get_chunk_cache()
-            netCDF4.set_chunk_cache(READ_CACHE)
+            netCDF4.set_chunk_cache(2**22)  # the library's 64 MiB are too much for each of many variables
             try:  # one handle: two on a file may crash the library
                 store = xr.backends.NetCDF4DataStore.open(target, lock=_ReadLock())
             finally:

@@ -50,8 +50,6 @@ _BRIEF = {"probabilities": (0.5, 0.1, 0.02)}
 #: Parts of captions that are for the command line.
 _HINTS = re.compile(r"[;,]? ?--at [^;]*|; hatched: info --status says why")
 
-_NO_HINT = "; choose others with --at"
-
 
 @dataclass
 class Section:
@@ -248,7 +246,7 @@ def _compare(cube: xr.Dataset, comparison: Comparison, arguments: dict[str, Any]
             try:
                 section.draw(FIGURES[figure].draw(data.assign_attrs(title="")))  # which is above the page
             except InputError as error:
-                section.words.append(f"No figure: {str(error).removesuffix(_NO_HINT)}.")
+                section.words.append(f"No figure: {str(error).removesuffix('; choose others with --at')}.")
     return section, result
 
 

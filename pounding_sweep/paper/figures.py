@@ -27,10 +27,6 @@ _LOOKS: dict[str, dict[str, Any]] = {
 } | {"none": {"color": "0.6", "linestyle": "-", "linewidth": 2.6, "zorder": 1.5}}
 #: Names of models in legends: number in the paper, and law.
 _LABELS = {law: f"{LAWS[law].model}: {LAWS[law].title}" for law in MATE2015_MODELS}
-#: A record's end is not drawn once everything stays below this share of the largest value.
-QUIET = 0.1
-#: Dots per inch of the PNG files.
-DPI = 110
 #: Base and floors.
 _FLOORS = (0, *STOREYS)
 
@@ -75,7 +71,7 @@ def draw_roofs(history: str, factor: float, label: str, place: str, study: Study
     readings, time = values["reading"].values.tolist(), values["time"].values
     laws = [law for law in values["law"].values.tolist() if law != "none"]
     loud = abs(values).max(["reading", "law"])
-    last = float(time[loud >= QUIET * loud.max()][-1])
+    last = float(time[loud >= 0.1 * loud.max()][-1])
     axes = subplots(len(laws), len(readings), (2.0, 4.2, 0.8, 1.25), sharey=alone)
     for ax, (law, reading) in zip(axes.flat, product(laws, readings), strict=True):
         one = values.sel(reading=reading)
@@ -154,7 +150,7 @@ def save_figures(study: Study, folder: Path, progress: Progress | None = None) -
     for number, (title, draw) in PAPER_FIGURES.items():
         figure = draw(study)
         path = folder / f"figure_{number:02d}.png"
-        figure.savefig(path, dpi=DPI)
+        figure.savefig(path, dpi=110)
         figure.savefig(path.with_suffix(".svg"))
         pictures.append((number, title, path))
         progress.advance(1)

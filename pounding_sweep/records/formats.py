@@ -527,9 +527,8 @@ def read_record(
 ) -> Record:
     r"""Read one ground-motion record from a file.
 
-    PEER AT2, the formats of networks in `pounding_sweep.records.formats`, columns of time and acceleration (CSV or
-    separated by blanks, at a constant step), or acceleration alone. The content decides, not the file name. Headings
-    tell time from acceleration, whichever is first. ``record.reading`` says where unit and step were read.
+    PEER AT2, the formats of networks, columns of time and acceleration, or acceleration alone: the content decides, not
+    the file name. ``record.reading`` says where unit and step were read.
 
     Parameters
     ----------
@@ -560,9 +559,9 @@ def read_record(
     Raises
     ------
     RecordError
-        If there is no such file (`MissingRecordError`), or it can't be read, holds no record, velocity or displacement,
-        fewer or more points than its header says, values that are not finite, an uneven time step, times that are not
-        in seconds, several components without `column`, or if time step or units are not known.
+        If there is no such file (`MissingRecordError`), or it holds no record, another quantity, another number of
+        points than its header says, values that are not finite, an uneven time step, several components without
+        `column`, or if time step or units are not known.
 
     Warns
     -----

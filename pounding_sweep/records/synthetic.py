@@ -51,8 +51,7 @@ def synthetic_record(
     """Make a synthetic earthquake: Clough-Penzien filtered noise under an envelope.
 
     White noise from ``numpy.random.Generator(PCG64(seed))`` passes the Kanai-Tajimi ground filter and Clough and
-    Penzien's second (high-pass) filter in the frequency domain, is multiplied by a Jennings envelope (parabolic
-    rise, constant strong motion, exponential decay) and scaled to `pga`.
+    Penzien's high-pass filter, is multiplied by a Jennings envelope and scaled to `pga`.
 
     Parameters
     ----------

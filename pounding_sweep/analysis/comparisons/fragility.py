@@ -312,12 +312,11 @@ def fragility(
     Returns
     -------
     xarray.Dataset
-        On the cube's other axes (without the law "none" where the event is a pair's) and ``pair`` or ``building``:
-        ``fit_status``; ``median`` (in the intensity's unit) and ``dispersion``, with intervals on ``bound``;
-        ``median_between`` (bound) without a fit; ``trials``, ``happened_count`` and ``left_out`` (not ok); ``fractile``
-        (quantile), intensities at the `quantiles`; with a hazard ``annual_rate`` (per year), its mean over the fitted
-        lognormal; on ``intensity`` ``probability`` and ``probability_interval``; trial
-        by trial ``happened`` and ``trial_intensity``.
+        On the cube's other axes and ``pair`` or ``building``: ``fit_status``; ``median`` (in the intensity's unit) and
+        ``dispersion``, with intervals on ``bound``; ``median_between`` (bound) without a fit; ``trials``,
+        ``happened_count`` and ``left_out`` (not ok); ``fractile`` (quantile), intensities at the `quantiles`; with a
+        hazard ``annual_rate`` (per year); on ``intensity`` ``probability`` and ``probability_interval``; trial by
+        trial ``happened`` and ``trial_intensity``.
 
     Raises
     ------
@@ -326,8 +325,7 @@ def fragility(
 
     Notes
     -----
-    Intervals are missing of one record, and where so many records go back and forth that they do not hold the fit; how
-    they are had: "Fragility" in ``docs/comparisons.md``.
+    How intervals are had, and where they are missing: "Fragility" in ``docs/comparisons.md``.
 
     Examples
     --------

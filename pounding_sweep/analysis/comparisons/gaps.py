@@ -140,9 +140,8 @@ def required_gap(
     Parameters
     ----------
     source : Scene, str or xarray.Dataset
-        A row, the name of a preset, or a cube. Of a cube with the law "none" and the outputs ``closing_max``,
-        ``displacement_max`` and ``displacement_min`` nothing is run; of any other the run without pounding is made
-        again, with row, building properties and scales from the sweep that the cube carries.
+        A row, the name of a preset, or a cube; of one without the law "none", ``closing_max``, ``displacement_max``
+        and ``displacement_min`` the run without pounding is made again by the sweep that it carries.
     records : Record, str, path, or several, optional
         Ground motions; needed with a row. With a cube: records to look through before they are looked for by name.
     behaviour : BehaviourFactors, optional
@@ -155,10 +154,9 @@ def required_gap(
     xarray.Dataset
         On ``record``, and on ``scale``, building properties or ``case`` where the cube has them: ``closing`` (pair,
         storey; m), the largest closing displacement of the floors; ``exact`` (pair; m), its largest value over storeys,
-        0 where it is below 1e-9 of the floors' displacements, which ``never`` (pair) tells by 1; ``rule_gap`` (rule,
-        pair; m), and ``ratio`` (rule, pair) to the exact one; ``correlation`` (pair) of the first modes. The
-        ``thickness`` (pair; m) of bumpers is in the gaps. Missing where no floors meet. Beside ``rule`` stand its name,
-        title, formula, clause, edition and note, beside ``pair`` the row's own gap.
+        0 where it is rounding, which ``never`` (pair) tells by 1; ``rule_gap`` (rule, pair; m), and ``ratio`` (rule,
+        pair) to the exact one; ``correlation`` (pair) of the first modes. The ``thickness`` (pair; m) of bumpers is in
+        the gaps. Missing where no floors meet.
 
     Raises
     ------
@@ -168,8 +166,7 @@ def required_gap(
     Notes
     -----
     The exact gap of a pair holds only where every pair of the row has at least its own: once another pair pounds, this
-    one may touch at a larger gap. The gap of a pair must be that of all its labels ("a-b columns of b"), whatever the
-    row's ``contacts``.
+    one may touch at a larger gap.
 
     Examples
     --------
@@ -251,16 +248,8 @@ def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> xr
     return xr.Dataset(result)
 
 
-#: Shares of the motions that may make a pair touch.
-PROBABILITIES = (0.5, 0.16, 0.1, 0.05, 0.02, 0.01)
-#: Years in which a pair may touch with those probabilities, where a hazard is given.
-YEARS = 50.0
-#: Annual rate of the motion that standards design for: gaps by rules are those under it.
-DESIGN_RATE = -math.log(0.9) / 50.0
 #: Probabilities at which curves are given.
 CURVE = tuple(np.geomspace(1e-3, 0.9, 30).tolist())
-#: By so much the required gaps of a record may miss proportion to its scale: errors of their runs.
-PROPORTIONAL = 1e-3
 #: Parts of equal probability into which each of the two distributions behind an interval is cut.
 _PARTS = 50
 #: Endings of the names of a gap's, and of a rate's, numbers, and how they are had.
@@ -349,13 +338,13 @@ def _gap_words(row: Row, about: Mapping[str, Any]) -> str:
 @comparison
 def gap_for_probability(
     cube: xr.Dataset,
-    probabilities: Sequence[float] = PROBABILITIES,
+    probabilities: Sequence[float] = (0.5, 0.16, 0.1, 0.05, 0.02, 0.01),
     *,
     intensity: str | xr.DataArray | None = None,
     levels: Sequence[float] | None = None,
     behaviour: BehaviourFactors | None = None,
     hazard: Hazard | FilePath | None = None,
-    years: float = YEARS,
+    years: float = 50.0,
     confidence: float = 0.95,
     curve: Sequence[float] = CURVE,
     records: Any = None,
@@ -393,17 +382,16 @@ def gap_for_probability(
     Returns
     -------
     xarray.Dataset
-        On ``probability``, ``pair``, ``intensity`` where there is one (else ``scale``), and building properties where
-        the cube has them, all in m: ``gap`` by a lognormal distribution of the records' exact required gaps;
-        ``gap_lower`` and ``gap_upper``, its confidence interval; ``gap_observed``, the fractile of the required gaps
-        themselves, missing of too few records. Beside them ``median`` (m) and ``dispersion`` of the lognormal,
-        ``records`` that count, and ``never``, those under which the pair never touches. With a hazard ``gap_in_years``
-        (and ``_lower``, ``_upper``, ``_observed``), the risk-targeted gaps; ``rate`` (and so on), how often a year the
-        pair touches with the gap ``row_gap`` of the row; ``beyond``, the share of that rate from intensities beyond the
-        hazard's; ``rule_gap``, the median of the gaps by each rule at the intensity that is exceeded with 10 %
-        probability in 50 years. ``trial_gap`` are the required gaps, ``curve_...`` the same numbers along ``curve``.
-        Scales of both signs are apart along ``direction``. Missing with fewer than two records that count, and, but for
-        what is observed, where a pair never touches under one of them.
+        On ``probability``, ``pair``, ``intensity`` or ``scale``, and building properties, all in m: ``gap`` by a
+        lognormal distribution of the records' exact required gaps; ``gap_lower`` and ``gap_upper``, its confidence
+        interval; ``gap_observed``, the fractile of the required gaps themselves. Beside them ``median`` (m) and
+        ``dispersion``, ``records`` that count, and ``never``, those under which the pair never touches. With a hazard
+        ``gap_in_years`` (and ``_lower``, ``_upper``, ``_observed``), the risk-targeted gaps; ``rate`` (and so on), how
+        often a year the pair touches with the gap ``row_gap`` of the row; ``beyond``, the share of that rate from
+        intensities beyond the hazard's; ``rule_gap``, the median of the gaps by each rule at the intensity that is
+        exceeded with 10 % probability in 50 years. ``trial_gap`` are the required gaps, ``curve_...`` the same numbers
+        along ``curve``. Missing with fewer than two records that count, and, but for what is observed, where a pair
+        never touches under one of them.
 
     Raises
     ------
@@ -414,9 +402,8 @@ def gap_for_probability(
     Notes
     -----
     As for every required gap, all pairs must have theirs. Formulas, intervals and their sources: "Gap for a probability
-    of pounding" in ``docs/comparisons.md``. Of a row that yields with a hazard, the answers are those of
-    `pounding_sweep.analysis.comparisons.stripes.gaps_of_stripes`, and the attribute ``answer`` says what to add to the
-    sweep where its gaps do not reach a probability.
+    of pounding" in ``docs/comparisons.md``. The attribute ``answer`` says what to add to a sweep of a row that yields
+    where its gaps do not reach a probability.
 
     Examples
     --------
@@ -489,7 +476,7 @@ def gap_for_probability(
         "never": described(never, "1", "records under which the pair never touches"),
     }
     if site is not None and "rule_gap" in gaps:
-        design = float(site.factor_at(DESIGN_RATE, np.ones(1)))
+        design = float(site.factor_at(-math.log(0.9) / 50.0, np.ones(1)))  # what standards design for
         rules = _per_intensity(gaps["rule_gap"], strength, cube).median("record") * design
         about = f"exceeded with 10 % probability in 50 years, factors {gaps.attrs['factors']}"
         variables["rule_gap"] = described(
@@ -551,7 +538,7 @@ def _per_intensity(exact: xr.DataArray, strength: xr.DataArray, cube: xr.Dataset
     ways = {"as recorded": ratio[dim] > 0.0, "reversed": ratio[dim] < 0.0}
     names = [name for name, way in ways.items() if way.any()]
     parts = xr.concat([ratio.where(ways[name]) for name in names], labelled("direction", names, "ground motion"))
-    wrong = parts.max(dim) - parts.min(dim) > PROPORTIONAL * parts.max(dim)
+    wrong = parts.max(dim) - parts.min(dim) > 1e-3 * parts.max(dim)  # beyond errors of their runs
     if wrong.any():
         record = str(wrong["record"][wrong.any([dim for dim in wrong.dims if dim != "record"])].values[0])
         raise InputError(

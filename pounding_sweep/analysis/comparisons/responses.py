@@ -64,11 +64,10 @@ def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> x
     Returns
     -------
     xarray.Dataset
-        ``<response>_ratio`` (dimensionless, above 1 where pounding amplifies) on the cube's axes, without the law
-        "none"; ``displacement_peak_ratio`` of the largest absolute displacements where the cube has both signs;
-        ``base_shear`` and ``base_shear_without`` (kN), that of the lowest storey with pounding and without;
-        ``touches``, 1 where floors of the row touch and 0 where none do, where the cube tells. Missing where either
-        scenario is not ok, and where the response without pounding is below 1e-9 of the largest in the row.
+        ``<response>_ratio`` (above 1 where pounding amplifies) on the cube's axes, without the law "none";
+        ``displacement_peak_ratio`` of the largest absolute displacements; ``base_shear`` and ``base_shear_without``
+        (kN); ``touches``, 1 where floors of the row touch, else 0. Missing where either scenario is not ok, and where
+        the response without pounding is below 1e-9 of the largest in the row.
 
     Raises
     ------
@@ -147,10 +146,9 @@ def laws(cube: xr.Dataset, reference: str | None = None, outputs: Iterable[str] 
     xarray.Dataset
         On ``basis`` (nominal; realised, where it can be had) and the cube's axes, without the law "none":
         ``<output>_compared`` in the output's own units, and ``<output>_ratio``, the law's value over the reference's,
-        missing where that is below 1e-9 of the largest value in the row under any law, of the contact work below 1e-4.
-        On the basis ``realised``, ``restitution`` is that of two free masses, and values are linear between those of
-        the sweep, missing where a law realises no such value within it. The attribute ``realised_basis`` says how it
-        was done, or why not.
+        missing where that is below 1e-9 of the largest value in the row, of the contact work below 1e-4. On the basis
+        ``realised``, ``restitution`` is that of two free masses, and values are linear between those of the sweep. The
+        attribute ``realised_basis`` says how it was done, or why not.
 
     Raises
     ------
@@ -289,11 +287,10 @@ def energy(cube: xr.Dataset) -> xr.Dataset:
     -------
     xarray.Dataset
         On the cube's axes, all in kN m: `TERMS` and ``energy_transfer`` = input - damping - held (-
-        ``hysteretic_energy`` where storeys yield, - ``energy_links`` where neighbours are linked) by building (given to
-        contacts, negative where taken), ``contact_work`` by pair, ``transfer_sum`` over buildings, ``work_sum`` over
-        pairs and ``residual``, their difference; ``residual_relative`` is its size over the largest energy of the
-        balance. ``transfer_share`` is transfer over input. The attribute ``largest_residual_relative`` is the largest
-        of all scenarios. Missing where a scenario is not ok.
+        ``hysteretic_energy`` - ``energy_links``) by building, given to contacts, ``contact_work`` by pair,
+        ``transfer_sum`` over buildings, ``work_sum`` over pairs and ``residual``, their difference;
+        ``residual_relative`` is its size over the largest energy. ``transfer_share`` is transfer over input. Missing
+        where a scenario is not ok.
 
     Raises
     ------
@@ -395,10 +392,9 @@ def fractiles(
     -------
     xarray.Dataset
         On ``quantile`` and the cube's other axes, ``<output>_fractiles`` in the output's own units, and
-        ``<output>_count``, how many values these are of: those of scenarios that are ok and have one. ``scenarios`` is
-        the number along `dim` that is ok, and ``left_out_<status>`` how many are not, for each status that occurs;
-        where these are extreme, fractiles are too low. ``touching_share`` is the share of scenarios in which floors
-        touch; the others count with force 0.
+        ``<output>_count``, how many values these are of. ``scenarios`` is the number along `dim` that is ok, and
+        ``left_out_<status>`` how many are not. ``touching_share`` is the share of scenarios in which floors touch; the
+        others count with force 0.
 
     Raises
     ------
@@ -466,17 +462,15 @@ def incremental(
         In [0, 1].
     levels : sequence of float, optional
         Intensities (in its units) at which fractiles are given; by default the cube's own where all curves share them,
-        else `LEVELS` of them, evenly spaced over the range that half of the curves or more reach. Where there is none,
-        over that of the cube, and the attribute ``no_fractiles`` says so.
+        else `LEVELS` of them over the range that half of the curves reach.
 
     Returns
     -------
     xarray.Dataset
         Each output on the cube's axes in its own units, beside the coordinate ``intensity`` (record, scale); and
         ``<output>_fractiles`` on ``quantile`` and ``level`` instead of record and scale, with ``<output>_count``, how
-        many of the ``curves`` (attribute; two of a record with scales of both signs) have a value there: linear between
-        the two nearest scales, missing outside their range and next to a scenario that is not ok. Fractiles are missing
-        where fewer than half have one. Where storeys may fall, ``collapse_share`` by building and level.
+        many of the ``curves`` have a value there: linear between the two nearest scales. Fractiles are missing where
+        fewer than half have one. Where storeys may fall, ``collapse_share`` by building and level.
 
     Raises
     ------

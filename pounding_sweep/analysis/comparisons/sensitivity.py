@@ -17,12 +17,8 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.request.design import Design, design_of
 from pounding_sweep.variables.registry import INNER_DIMS, VARIABLES
 
-#: Times that the points are drawn anew for an interval.
-RESAMPLES = 1000
 #: Fewer points with a value in every block give no indices.
 LEAST = 4
-#: Numbers of the bootstrap that are held at a time.
-BLOCK_NUMBERS = 1 << 22
 #: The two kinds of indices, and the ends of an interval.
 _KINDS, _BOUNDS = ("first", "total"), ("lower", "upper")
 #: What a result has of each output.
@@ -50,7 +46,7 @@ def index_rows(result: xr.Dataset) -> list[Row]:
 
 @comparison
 def sensitivity(
-    cube: xr.Dataset, variables: Iterable[str] | None = None, *, confidence: float = 0.95, resamples: int = RESAMPLES
+    cube: xr.Dataset, variables: Iterable[str] | None = None, *, confidence: float = 0.95, resamples: int = 1000
 ) -> xr.Dataset:
     """Compute which inputs of a Saltelli design, or which axes of a grid, the outputs depend on most.
 
@@ -75,10 +71,9 @@ def sensitivity(
         Indices are missing where an output does not vary.
 
         Of axes, which are then the inputs, ``<output>_first`` and ``<output>_total`` are the shares of the variance
-        over the ok scenarios with contact, all equally likely: that of the means at each value of the axis, and what
-        varies along it while all others are held. They are not Sobol indices of a distribution and have no intervals.
-        ``<output>_mean_interval`` has the smallest and largest of these means, ``<output>_at_interval`` their values of
-        the axis.
+        over the ok scenarios with contact: that of the means at each value of the axis, and what varies along it while
+        all others are held. ``<output>_mean_interval`` has the smallest and largest of these means,
+        ``<output>_at_interval`` their values of the axis.
 
     Raises
     ------
@@ -228,7 +223,7 @@ def bootstrap_intervals(blocks: np.ndarray, confidence: float, resamples: int, s
     # points are drawn anew, each with its values in all blocks (Efron & Tibshirani 1993, "An Introduction to the
     # Bootstrap", chapter 13)
     n, tail = blocks.shape[-1], (1.0 - confidence) / 2.0
-    random, held = np.random.default_rng(seed), max(1, BLOCK_NUMBERS // n)
+    random, held = np.random.default_rng(seed), max(1, (1 << 22) // n)
     parts = [
         sobol_indices(blocks, (random.multinomial(n, np.full(n, 1.0 / n), size=min(held, resamples - first)) / n).T)
         for first in range(0, resamples, held)

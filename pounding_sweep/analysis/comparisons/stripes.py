@@ -12,9 +12,6 @@ from pounding_sweep.analysis.comparisons.fragility import equal_axes, fragility
 from pounding_sweep.analysis.hazard import Hazard
 from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES, described, fell, need_variables, pounding_only
 
-#: Intensities over which a curve is integrated, and the largest share of a rate from intensities that were not run.
-_STEPS, _UNTRIED = 200, 0.5
-
 
 def gaps_of_stripes(
     cube: xr.Dataset, site: Hazard, strength: xr.DataArray, rates: np.ndarray, **motions: Any
@@ -31,7 +28,7 @@ def gaps_of_stripes(
     only_fell = fell(cube) & ~(touch.any("storey") if "storey" in touch.dims else touch)
     cube = cube.assign(contacts.where(~fell(cube), 1.0))
     tried = strength.values[strength.values > 0.0]
-    at = np.geomspace(tried.min(), tried.max(), _STEPS)
+    at = np.geomspace(tried.min(), tried.max(), 200)
     fits = fragility(cube, levels=at.tolist(), one_dispersion=["gap"], **motions)
     happened = fits["happened"].isel(gap=-1)
     falls = only_fell.isel(gap=-1).mean([dim for dim in only_fell.isel(gap=-1).dims if dim != "pair"])
@@ -44,7 +41,7 @@ def gaps_of_stripes(
     ends = xr.dot(fits["probability_interval"], mass, dim="intensity") + total - inside
     beyond = (1.0 - inside / total).drop_vars("gap").rename(gap="gap_number")
     by_number = xr.concat([total, *(ends.sel(bound=end, drop=True) for end in ("lower", "upper"))], "number")
-    by_number = by_number.drop_vars("gap").rename(gap="gap_number").where(beyond <= _UNTRIED)
+    by_number = by_number.drop_vars("gap").rename(gap="gap_number").where(beyond <= 0.5)
     gaps = cube.coords.get("pair_gap", cube["gap"]).reset_coords(drop=True).drop_vars("gap").rename(gap="gap_number")
     gaps = gaps.broadcast_like(fits["median"].isel(gap=0, drop=True).coords["pair"])
     answers = xr.apply_ufunc(

@@ -75,7 +75,6 @@ _AMPLIFIED = (
 #: Lines of records, what their band is called, and the number of impacts from which their axis is logarithmic.
 _EACH: Any = {"linewidth": 0.5, "linestyle": "-", "alpha": 0.3, "marker": "", "zorder": 1.6}
 _LARGEST: Any = {"linewidth": 0.8, "linestyle": ":"}
-_GREY: Any = {"color": "0.55"}
 _BAND, _MANY = "16 to 84 % of the records", 100
 _RESPONSES = "displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max|drift_ratio_max"
 _RATIOS = "|".join(f"{name}_ratio" for name in _RESPONSES.split("|"))
@@ -215,10 +214,6 @@ def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:
     return finish(axes, label, response, subject, selection)
 
 
-#: Values along both axes from which lines of equal value are more than a guess, and lines at most.
-_CONTOURED, _LINES = 3, 7
-#: Cells along each axis up to which the share of records that touch is written into them.
-_WRITTEN = 16
 #: Amplifications that have a line, and a tick as well as 1.
 _LEVELS = (0.1, 0.2, 0.5, 0.7, 0.85, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0)
 
@@ -319,10 +314,10 @@ def _fill_map(panel: Any, part: xr.Dataset, grid: list[np.ndarray], colours: Any
     panel.patch.set(hatch="////", edgecolor="0.75", linewidth=0.0)
     # cells without a colour: darkest where no record touches, the lighter the more do
     panel.pcolormesh(*edges, np.where(grey > 0.0, 0.9 - grey, 1.8 - grey), cmap="Greys", vmin=0.0, vmax=6.0)
-    for i, j in np.argwhere(grey > 0.0) if max(grey.shape) <= _WRITTEN else ():
+    for i, j in np.argwhere(grey > 0.0) if max(grey.shape) <= 16 else ():
         panel.text(grid[0][j], grid[1][i], f"{grey[i, j]:.0%}", ha="center", va="center", fontsize=6, color="0.3")
     mesh = panel.pcolormesh(*edges, values, **colours)
-    if len(levels) and min(values.shape) >= _CONTOURED and np.isfinite(values).any():
+    if len(levels) and min(values.shape) >= 3 and np.isfinite(values).any():
         ends = [np.r_[edge[0], at, edge[-1]] for edge, at in zip(edges, grid, strict=True)]  # of the outer cells
         lines = panel.contour(*ends, np.pad(values, 1, mode="edge"), levels, colors="black", linewidths=0.7)
         panel.clabel(lines, fontsize=7, fmt="%g", inline_spacing=2)
@@ -365,7 +360,7 @@ def _choose_colours(values: np.ndarray, name: str, ratio: bool) -> tuple[dict[st
         return {"cmap": "PuOr_r", "norm": LogNorm(1.0 / wide, wide)}, _LEVELS, ticks
     if name == "impact_count" and high >= _MANY:
         return {"cmap": "viridis", "norm": LogNorm(low or 1.0, high)}, [1, 10, 100, 1000], {"format": "%g"}
-    levels = MaxNLocator(_LINES).tick_values(low, high)
+    levels = MaxNLocator(7).tick_values(low, high)
     return {"cmap": "viridis", "vmin": min(low, 0.0), "vmax": max(high, 0.0) or 1.0}, levels, {}
 
 
@@ -528,10 +523,6 @@ def energy_budget(cube: xr.Dataset) -> Figure:
 _DASHES = ("--", "-.", ":") * 4
 _RECORD_DASHES = ("-", "--", "-.", ":", (0, (6, 2)), (0, (1, 1)), (0, (6, 1, 1, 1)))
 _NAMED_LINES = cycler(linestyle=_RECORD_DASHES) * cycler(color=COLOURS[1:])
-#: Trials of many intensities are put together into so many classes of about equal size to show their shares.
-_CLASSES = 6
-#: Characters of a line of a legend.
-_ENTRY = 48
 #: More records than this are not named below the axis.
 _NAMED = 8
 
@@ -587,7 +578,8 @@ def fragility(cube: xr.Dataset, *, event: str | None = None, level: str | float 
         for number, style, marker in zip(range(lines.sizes[axis]), DASHED, MARKERS, strict=False):
             _draw_fit(ax, end.isel({axis: number}), [axis], style, marker, notes)
         for part, dashes in zip(without, DASHED, strict=False):
-            _draw_fit(ax, part.sel({per: end[per]}), ["law", axis][: len(without)], dashes | _GREY, "*", notes)
+            grey = dashes | {"color": "0.55"}
+            _draw_fit(ax, part.sel({per: end[per]}), ["law", axis][: len(without)], grey, "*", notes)
         ax.set_ylim(-0.02, 1.02)
     label = _scale_intensities(axes[0, 0].xaxis, result)  # shared: nothing drawn later would move it
     below = 4.1 + 1.45 * label.count("\n")  # the label, in font sizes
@@ -626,10 +618,10 @@ def _draw_fit(ax: Any, part: xr.Dataset, names: Any, style: dict[str, Any], mark
     letter = notes.setdefault(note, f"({ascii_lowercase[len(notes)]})") if note else ""
     named = join_nonempty(*(coord_text(part, name) for name in names))
     label = ": ".join(filter(None, (named, f"{known} {letter}".strip())))
-    ax.plot([], [], label=fill(label, _ENTRY), **(mark if fit else style))
+    ax.plot([], [], label=fill(label, 48), **(mark if fit else style))
     order = np.argsort(x, kind="stable")  # a mark for trials of one intensity, if several share it, else of a class
     groups = np.split(order, np.flatnonzero(np.diff(merged(x)[order])) + 1)
-    groups = groups if min(map(len, groups)) > 1 else np.array_split(order, min(_CLASSES, len(order)) or 1)
+    groups = groups if min(map(len, groups)) > 1 else np.array_split(order, min(6, len(order)) or 1)
     ax.plot(*([values[group].mean() for group in groups if group.size] for values in (x, happened)), **mark)
 
 
@@ -903,10 +895,6 @@ def _describe_group(group: xr.Dataset, names: Collection[str]) -> str:
     return join_nonempty(law_name(group, law) if law else "", records, others.replace("_", " "))
 
 
-#: Most lines of a figure of a trade.
-_MOST_LINES = 6
-
-
 @figure_of("work-precision", "trade", "setting, error, cost")
 def work_precision(trade: xr.Dataset) -> Figure:
     """Draw worst error of accuracies, schemes and steps against their cost, from 'tradeoff': lower left is better.
@@ -932,7 +920,7 @@ def work_precision(trade: xr.Dataset) -> Figure:
     )
     for ax, output in zip(axes[0], outputs, strict=True):
         one = chosen.sel(output=output).where(drawn.sel(output=output))
-        for name, style in zip(nearest[:_MOST_LINES], MARKED, strict=False):
+        for name, style in zip(nearest[:6], MARKED, strict=False):
             line = one.isel(setting=names == name).sortby("cost")
             ax.plot(line["cost"], line["error"], label=name, **style)
         for rows, label, style in marks:

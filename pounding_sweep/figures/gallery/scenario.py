@@ -34,8 +34,6 @@ from pounding_sweep.figures.style import (
 from pounding_sweep.model.scene import Scene, Wall
 from pounding_sweep.run.cyclic import cyclic_test
 
-#: Storeys in a panel of loops: those whose drifts are largest.
-_STOREYS = 4
 #: Histories that are drawn against time, and the peaks that are reported of them.
 _PEAKS = {"displacement": ("displacement_max", "displacement_min"), "contact_force": ("impact_force_max",)}
 
@@ -191,7 +189,7 @@ def hysteresis(one: xr.Dataset) -> Figure:
     axes = subplots(1, one.sizes["building"], (1.0, 3.1, 3.9, 0.0), sharey=True)
     for ax, building in panels(axes[0], one, "building"):
         storeys = building.dropna("storey", how="all", subset=["storey_drift"])
-        largest = np.argsort(-np.abs(storeys.storey_drift).max("time").values)[:_STOREYS]
+        largest = np.argsort(-np.abs(storeys.storey_drift).max("time").values)[:4]
         for number in sorted(largest.tolist(), reverse=True):  # the lowest storey is drawn last
             storey = storeys.isel(storey=number)
             label = f"storey {int(storey.storey)}{'' if storey.plastic_drift.any() else ', elastic'}"
@@ -395,12 +393,6 @@ def draw_row(
     return axes, factor, show
 
 
-#: Periods of the motion that are shown by default, and how long that takes to watch (s).
-PERIODS, WATCHED = 4.0, 6.0
-#: How much of a mark is left in the next frame: impacts are over within a frame or two.
-_FADING = 0.6
-
-
 def animate(
     one: xr.Dataset,
     path: FilePath,
@@ -454,7 +446,7 @@ def animate(
     require(one, "row")
     time, forces = one.time.values, contact_forces(one)
     moved, rate = (float(np.square(one[name]).mean()) for name in ("displacement", "velocity"))
-    length = PERIODS * 2.0 * np.pi * np.sqrt(moved / rate) if rate else time[-1] - time[0]  # of all floors' motion
+    length = 4.0 * 2.0 * np.pi * np.sqrt(moved / rate) if rate else time[-1] - time[0]  # four periods of all floors
     if start is None:
         start = time[find_strongest(one)] - 0.25 * length if end is None else end - length
     part = time_slice(one, start, start + length if end is None else end)
@@ -462,7 +454,7 @@ def animate(
     instants = np.unique(np.searchsorted(time, np.linspace(first, last, frames)))
     forces_in_part = contact_forces(part)
     writer: Any = PillowWriter if target.suffix.lower() == ".gif" else FFMpegWriter
-    writer = writer(fps=(frames - 1) / ((last - first) / speed) if speed else frames / WATCHED)
+    writer = writer(fps=(frames - 1) / ((last - first) / speed) if speed else frames / 6.0)  # 6 s to watch
     with in_style():
         axes, factor, show = draw_row(one, below=2)
         _, ground, contacts = axes[:, 0]
@@ -498,11 +490,11 @@ def animate(
 
 
 def fading_marks(forces: np.ndarray, instants: np.ndarray) -> np.ndarray:
-    """Return the areas of marks in the frames at those instants: the largest force since the frame before, fading."""
+    """Return areas of marks in frames: the largest force since the frame before, fading as impacts are short."""
     starts = np.append(instants[0], instants[:-1] + 1)
     marks = np.maximum.reduceat(forces[: instants[-1] + 1], starts, axis=0)
     for before, now in pairwise(marks):
-        np.maximum(now, np.where(before > 0.05, _FADING * before, 0.0), out=now)
+        np.maximum(now, np.where(before > 0.05, 0.6 * before, 0.0), out=now)
     return marks
 
 

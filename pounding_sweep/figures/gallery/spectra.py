@@ -16,8 +16,6 @@ from pounding_sweep.figures.style import COLOURS, DASHED, NotebookFigure, finish
 
 #: More lines than this in one panel are drawn grey, with their median and fractiles.
 MOST_LINES = len(COLOURS)
-#: More histories than this in one column are too flat to be read.
-_ROWS = 12
 #: Label of a panel, and factor, of ordinates.
 _ORDINATES = {
     "pseudo_acceleration": ("pseudo-acceleration (m/s²)", 1.0),
@@ -31,7 +29,7 @@ def ground_motion(motions: xr.Dataset) -> Figure:
     n = motions.sizes["record"]
     if not n:
         raise InputError("there is no record to draw; give at least one")
-    columns = -(-n // _ROWS)
+    columns = -(-n // 12)
     rows = -(-n // columns)
     width = 4.6 if columns == 1 else 2.7 * columns
     figure = NotebookFigure(figsize=(width + 4.2, max(4.2, 0.6 + 0.95 * rows)), layout="constrained")
