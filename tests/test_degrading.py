@@ -150,7 +150,7 @@ def test_a_drift_that_turns_and_goes_on_at_once_is_seen_in_a_long_step():
             ps.Scene([soft, stiff], [0.01]),
             motion,
             "kelvin_voigt",
-            gaps=[0.00086, 0.001204, 0.00172],
+            gaps=[0.00086, 0.001032, 0.001204, 0.001376, 0.00172],
             stiffnesses=[173300.0],
             restitutions=[0.85],
             **{"method": "exact", "dt": 1e-3, "rest": 0.0, "outputs": ["energy_input"]},

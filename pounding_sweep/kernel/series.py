@@ -518,17 +518,17 @@ def _propose_ends(spring: StoreySpring, gauge: DriftGauge, kinds: list[Index], c
             twice = minimum(last * early, last * late) < 0.0  # the first rate may be none, as where it yielded
             choice.doubt.now |= unseen & twice
         with when_any(leaves):
-            # it leaves its range on the side to which it moves first, and comes back, or stays beyond
-            rises = v0 > 0.0
+            # it is beyond its range at the end, or leaves it on the side to which it moves first, and comes back
+            rises, over = v0 > 0.0, d1 > gauge.middle
+            stays = beyond & ~is_next(where(over, gauge.above, gauge.below))
             turns = (v0 * v1 < 0.0) & where(rises, most + bulge > high, least - bulge < low)
-            stays = where(rises, d1 > high, d1 < low)
             ruled_out = where(rises, s["ruled_out", above], s["ruled_out", below]) > 0.0
             hops = turns & ~stays & ~is_next(where(rises, gauge.above, gauge.below)) & ~ruled_out
-            side = where(where(hops, rises, d1 > gauge.middle), 1.0, -1.0)
+            side = where(where(hops, rises, over), 1.0, -1.0)
             target, bound = (where(side > 0.0, *pair) for pair in ((gauge.above, gauge.below), (gauge.high, gauge.low)))
             start = side * (d0 - bound)
             start = where(start > -more, start - more, start)
-            lanes = leaves & (hops | beyond) & ~is_next(target)
+            lanes = leaves & (hops | stays)
             number = where(side > 0.0, group.full(real(above)), group.full(real(below)))
             choice.propose(number, lanes, 1.0, _drift(spring, start, side), target)
     held = asks & ~(gauge.way == 0.0) & ~is_next(gauge.turned) & ~(s["ruled_out", turned] > 0.0)
