@@ -13,7 +13,7 @@ from benchmarks.engine import OUTPUTS
 from benchmarks.sizes import job_of, row_of
 from benchmarks.timing import medians
 from benchmarks.work import neighbouring_gaps
-from pounding_sweep.engine.compile import CACHE_VARIABLE, compile_piece
+from pounding_sweep.engine.kernel import compile_library
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.variables.registry import VARIABLES
 
@@ -61,12 +61,10 @@ def test_unasked_reducers_cost_nothing(short_work, within):
 
 
 @pytest.mark.parametrize("method", ["rk4", "exact"])
-def test_lanes_are_vectors(method, short_work, tmp_path, monkeypatch):
+def test_lanes_are_vectors(method, short_work):
     """A freshly compiled flight works on packed doubles (AVX-512, AVX or SSE2, whatever the processor has)."""
-    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))  # what comes from disk can't be inspected
     sweep = Sweep(row_of(2, 2), short_work.record, "none", method=method, outputs=["displacement_max"])
-    flies = compile_piece(sweep.plan().kernel(0).shape.pieces[0])
-    text = flies._library.get_asm_str()
+    text = compile_library(sweep.plan().kernel(0).shape.pieces[0]).get_asm_str()
     packed = [word for word in ("vfmadd231pd", "vfmadd213pd", "vfmadd132pd", "vmulpd", "mulpd") if word in text]
     assert packed, "no packed arithmetic in the compiled kernel"
     # slow on many processors without AVX-512, and nothing that follows is given what they write

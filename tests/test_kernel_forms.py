@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kernels_used import FOUNDED, FRAMED, LINKED, SMOOTH, kernels, simulated
-from numba import config
 from scenes import pair
 
 import pounding_sweep as ps
@@ -78,7 +77,7 @@ def test_a_kernel_is_what_its_source_says(method, law, locate, scene, monkeypatc
     }
     record, found = SHORT if scene in (WALL, FRAMED, YIELDS) else BRIEF, []
     for disabled in (False, True):
-        monkeypatch.setattr(config, "DISABLE_JIT", disabled)
+        monkeypatch.setenv(compile.TWIN_VARIABLE, str(int(disabled)))
         get_kernel.cache_clear()
         steps = (record.n_points - 1) * kernel.numerics.steps(record) + 1
         history = np.zeros((steps, 100))

@@ -1,24 +1,23 @@
 """Kernels compiled once and kept on disk, several at once, each process its share.
 
-A kernel is a module of one function, named by a digest of all that decides its machine code: what it is compiled for,
-the sources that trace it, numba, llvmlite and the processor. numba compiles under one lock per process, so missing
-kernels are shared out to child processes.
+A kernel is a file of object code, named by a digest of all that decides it: what it is compiled for, the sources that
+trace it, numba, llvmlite and the processor. numba compiles, under one lock per process, so missing kernels are shared
+out to child processes; what is on disk is loaded without it, since it takes long to load itself.
 """
 
 from __future__ import annotations
 
-import atexit
+import ctypes
 import gc
 import hashlib
 import json
 import os
-import runpy
 import subprocess
 import sys
-import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from functools import cache, lru_cache, partial
+from contextlib import suppress
+from functools import lru_cache, partial
 from importlib.metadata import version
 from pathlib import Path
 from threading import RLock
@@ -28,12 +27,15 @@ import numpy as np
 
 from pounding_sweep.base.files import expanded
 from pounding_sweep.engine.flight import aligned
+from pounding_sweep.engine.kernel import ENTRY, compile_library, run_twin, state_size
 from pounding_sweep.kernel.spec import FRAME, FUSED_DOF, KernelSpec, from_json, to_json
 
 #: Environment variable that names another folder for compiled kernels.
 CACHE_VARIABLE = "POUNDING_SWEEP_CACHE"
+#: Environment variable of numba's by which kernels run as Python on arrays.
+TWIN_VARIABLE = "NUMBA_DISABLE_JIT"
 _LOCK = RLock()
-#: What this process has: numba's functions of what is compiled by itself, kernels and flights.
+#: What this process has: the engines that run what is compiled by itself, kernels and flights.
 _COMPILED: dict[KernelSpec, Any] = {}
 
 #: What decides the code of a kernel beside what it is compiled for: folders and files of the package.
@@ -48,32 +50,6 @@ SOURCES = (
     "model/laws.py",
     "model/rebound.py",
 )
-#: A kernel's module: one signature, compiled when loaded. What traces the body is loaded only then.
-MODULE = '''"""A pounding_sweep kernel, written by the package. Editing it has no effect on the package."""
-
-import json
-
-from numba import cfunc, types
-from numba.extending import intrinsic
-
-SPEC = {spec!r}
-
-
-@intrinsic
-def body(typing, frame):
-    def write(context, builder, signature, values):
-        from pounding_sweep.engine.kernel import write_body
-        from pounding_sweep.kernel.spec import from_json
-
-        return write_body(from_json(json.loads(SPEC)), context, builder, values[0])
-
-    return types.void(frame), write
-
-
-@cfunc("void(int64)", cache=True, error_model="numpy", boundscheck=False, fastmath=False)
-def run(frame):
-    body(frame)
-'''
 #: CPU seconds that a kernel takes to compile, by what adds to them, where a plain function of ``benchmarks.compiling``
 #: takes 1.42 s. Fitted to what ``python -m benchmarks.compiling 3,3,3`` prints, which is 0.6 to 1.2 times as long.
 COMPILING = {
@@ -113,102 +89,79 @@ def _surroundings() -> str:
         for file in sorted(path.glob("*.py")) if path.is_dir() else [path]:
             digest.update(f"{file.name} {hashlib.sha256(file.read_bytes()).hexdigest()}\n".encode())
     processor = f"{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
+    processor += " ".join(os.environ.get(name, "") for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"))
     return f"{digest.hexdigest()} {version('numba')} {version('llvmlite')} {processor}"
 
 
-def module_text(piece: KernelSpec) -> str:
-    """Text of the module of a kernel, or of a flight."""
-    return MODULE.format(spec=json.dumps(to_json(piece), sort_keys=True))
-
-
 def source_digest(piece: KernelSpec) -> str:
-    """Name of that module, by a digest of all that decides its code."""
-    return "pounding_kernel_" + hashlib.sha256((_surroundings() + module_text(piece)).encode()).hexdigest()[:24]
+    """Name of what is compiled by itself, by a digest of all that decides its code."""
+    text = _surroundings() + json.dumps(to_json(piece), sort_keys=True)
+    return "pounding_kernel_" + hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
+def _path(piece: KernelSpec) -> Path:
+    return cache_folder() / f"{source_digest(piece)}.o"
 
 
 def is_cached(pieces: Iterable[KernelSpec]) -> bool:
     """Whether this process or the disk has all of these, each of which is compiled by itself."""
-    return all(
-        piece in _COMPILED or {path.suffix for path in _files(cache_folder(), source_digest(piece))} >= {".nbi", ".nbc"}
-        for piece in pieces
-    )
+    return all(piece in _COMPILED or _path(piece).exists() for piece in pieces)
 
 
-def _files(folder: Path, name: str) -> list[Path]:
-    """Return the files that numba keeps of a module."""
-    return list((folder / "__pycache__").glob(f"{name}.*"))
-
-
-def _load(folder: Path, piece: KernelSpec) -> Any:
-    """Return the function of a module, which is written where it is not there yet; numba compiles or loads it."""
-    name, text = source_digest(piece), module_text(piece)
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{name}.py"
-    if not path.exists() or path.read_bytes() != text.encode():
-        temporary = folder / f"{name}.{os.getpid()}"
-        temporary.write_text(text, encoding="utf-8")
-        # one fixed time stamp: numba's index is keyed by it, and equal text is the same kernel for every process
-        os.utime(temporary, (1_000_000_000, 1_000_000_000))
-        temporary.replace(path)
+def _object_code(piece: KernelSpec) -> bytes:
+    """Return the object code of a piece, kept with its digest at the end: compiled where it is not there yet."""
+    path, often = _path(piece), gc.get_threshold()
+    with suppress(OSError):
+        kept = path.read_bytes()
+        code, digest = kept[:-32], kept[-32:]
+        if hashlib.sha256(code).digest() == digest:
+            return code
+        text = f"damaged kernels in {str(path.parent)!r} are compiled anew; if that comes again, check its disk"
+        warnings.warn(text, RuntimeWarning, stacklevel=3)
+    gc.set_threshold(50_000, 20, 100)  # compiling makes millions of objects, and most of them stay
     try:
-        return runpy.run_path(str(path), run_name=name)["run"]
-    except (OSError, MemoryError):
-        raise
-    except Exception:  # whatever numba makes of cut or damaged files
-        if not (files := _files(folder, name)):
-            raise
-        for file in files:
-            file.unlink(missing_ok=True)
-        text = f"damaged kernels in {str(folder)!r} are compiled anew; if that comes again, check its disk"
-        warnings.warn(text, RuntimeWarning, stacklevel=2)
-        return runpy.run_path(str(path), run_name=name)["run"]
+        _, _, (code, _) = compile_library(piece).serialize_using_object_code()
+    finally:
+        gc.set_threshold(*often)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_suffix(f".{os.getpid()}")
+        temporary.write_bytes(code + hashlib.sha256(code).digest())
+        temporary.replace(path)
+    except OSError as error:
+        warnings.warn(
+            f"compiled kernels can't be kept in {str(path.parent)!r} ({error.strerror or error}), so every process "
+            f"compiles its own; mend that, or name another folder in {CACHE_VARIABLE}",
+            RuntimeWarning,
+            stacklevel=3,
+        )
+    return bytes(code)
 
 
-@cache
-def _private_folder() -> Path:
-    """Return a folder of this process alone, removed at its end."""
-    folder = tempfile.TemporaryDirectory(prefix="pounding_sweep_")
-    atexit.register(folder.cleanup)
-    return Path(folder.name)
+def compile_piece(piece: KernelSpec) -> int:
+    """Return the address of what is compiled by itself, a function of the address of a frame: a kernel, or a flight."""
+    from llvmlite import binding
 
-
-def compile_piece(piece: KernelSpec) -> Any:
-    """Return what is compiled by itself, numba's function of the address of a frame: a kernel, or a flight."""
-    import numba
-
-    config: Any = numba.config
     with _LOCK:
         if piece not in _COMPILED:
-            folder, often, elsewhere = cache_folder(), gc.get_threshold(), config.CACHE_DIR
-            gc.set_threshold(50_000, 20, 100)  # compiling makes millions of objects, and most of them stay
-            config.CACHE_DIR = ""  # kernels stay in their own folder, whatever NUMBA_CACHE_DIR says
-            try:
-                _COMPILED[piece] = _load(folder, piece)
-            except OSError as error:
-                warnings.warn(
-                    f"compiled kernels can't be kept in {str(folder)!r} ({error.strerror or error}), so every process "
-                    f"compiles its own; mend that, or name another folder in {CACHE_VARIABLE}",
-                    RuntimeWarning,
-                    stacklevel=2,
-                )
-                _COMPILED[piece] = _load(_private_folder(), piece)
-            finally:
-                gc.set_threshold(*often)
-                config.CACHE_DIR = elsewhere
-        return _COMPILED[piece]
+            code = _object_code(piece)
+            binding.initialize_native_target()
+            binding.initialize_native_asmprinter()
+            machine = binding.Target.from_default_triple().create_target_machine()
+            engine = binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
+            engine.add_object_file(binding.ObjectFileRef.from_data(code))
+            engine.finalize_object()
+            _COMPILED[piece] = engine
+        return int(_COMPILED[piece].get_function_address(ENTRY))
 
 
 @lru_cache(maxsize=256)
 def get_kernel(shape: KernelSpec) -> Callable[..., None]:
     """Return the kernel as a function of all of `PARAMETERS` but what it adds itself: the last three."""
-    from numba import config
-
-    from pounding_sweep.engine.kernel import run_twin, state_size
-
-    if getattr(config, "DISABLE_JIT", False):
+    if os.environ.get(TWIN_VARIABLE, "0") != "0":
         return partial(run_twin, shape)
-    flight = 0 if shape.flight is None else compile_piece(shape.flight).address
-    compiled, (size, passing) = compile_piece(shape).ctypes, state_size(shape)
+    flight = 0 if shape.flight is None else compile_piece(shape.flight)
+    compiled, (size, passing) = ctypes.CFUNCTYPE(None, ctypes.c_int64)(compile_piece(shape)), state_size(shape)
 
     def run(*arguments: Any) -> None:
         state, frame = aligned(size, shape.precision), aligned(FRAME, "int64")

@@ -22,6 +22,8 @@ from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.variables.registry import output_slots, reducers_of
 
 _I64, _DOUBLE = ir.IntType(64), ir.DoubleType()
+#: Name of the compiled function.
+ENTRY = "run"
 #: Share of its largest size by which what flight watches is widened in windows, for rounding.
 MARGIN = {"float64": 1e-12, "float32": 4e-6}
 
@@ -252,7 +254,7 @@ def _optimise_once(library: Any) -> None:
     from llvmlite import binding
 
     def functions(module: Any) -> None:
-        module.data_layout = library.codegen._data_layout
+        module.data_layout = str(library.codegen.target_data)
 
     def all_of_it() -> None:
         options = binding.create_pipeline_tuning_options(speed_level=1)
@@ -265,8 +267,20 @@ def _optimise_once(library: Any) -> None:
     library._optimize_functions, library._optimize_final_module = functions, all_of_it
 
 
-def write_body(spec: KernelSpec, context: Any, builder: Any, place: Any) -> Any:
-    """Write the kernel of `spec`, or its flight, as the body of an intrinsic of numba's; returns nothing's value."""
-    _optimise_once(context.active_code_library)
-    emit(spec, builder, place)
-    return context.get_dummy_value()
+def compile_library(spec: KernelSpec) -> Any:
+    """Compile the kernel of `spec`, or its flight: numba's library of a function `ENTRY` of the address of a frame."""
+    from numba.core.codegen import JITCPUCodegen
+    from numba.core.compiler_lock import global_compiler_lock
+
+    with global_compiler_lock:
+        library = JITCPUCodegen(ENTRY).create_library(ENTRY)
+        library.enable_object_caching()
+        module = library.create_ir_module(ENTRY)
+        function = ir.Function(module, ir.FunctionType(ir.VoidType(), [_I64]), ENTRY)
+        builder = ir.IRBuilder(function.append_basic_block())
+        emit(spec, builder, *function.args)
+        builder.ret_void()
+        _optimise_once(library)
+        library.add_ir_module(module)
+        library.finalize()
+    return library

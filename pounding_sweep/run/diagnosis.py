@@ -61,7 +61,7 @@ def diagnose() -> dict[str, Any]:
         "memory": {"free_bytes": memory.bytes, "limit": memory.limit},
         "kernel_cache": {
             "folder": str(kernels),
-            "kernels": len({path.name.partition(".")[0] for path in files if path.suffix == ".nbi"}),
+            "kernels": sum(path.suffix == ".o" for path in files),
             "bytes": sum(path.stat().st_size for path in files),
         },
         # CPU time for a kernel of the paper's row, by what is asked for
