@@ -476,7 +476,7 @@ def created_energy(values: Mapping[str, np.ndarray]) -> np.ndarray:
     gained = values["energy_kinetic"] + values["energy_strain"]
     parts = [np.abs(values["energy_input"]), values["energy_damping"], gained, np.abs(work)]
     size = np.max([part.sum(axis=1) for part in parts], axis=0)
-    return np.asarray((0.0 - work.min(axis=1, initial=0.0)) / np.where(size > 0.0, size, 1.0))
+    return (0.0 - work.min(axis=1, initial=0.0)) / np.where(size > 0.0, size, 1.0)
 
 
 def judge(run: Run, reference: Reference) -> pd.DataFrame:

@@ -35,7 +35,7 @@ def phase_error(row: Scene | Variants, record: Record, numerics: Numerics) -> np
     share = numerics.scheme.phase_error(w * h, numerics.beta, numerics.gamma)
     rest = np.where(decay > 0.0, numerics.rest, 0.0)
     lasting = np.minimum(record.duration + rest, 2.0 / np.maximum(decay, 1e-300))
-    return np.asarray(np.max(weights[:, None] * w * lasting * share, axis=0, initial=0.0))
+    return np.max(weights[:, None] * w * lasting * share, axis=0, initial=0.0)
 
 
 @lru_cache(maxsize=64)
@@ -61,7 +61,7 @@ def energy_limit(
     pushed = 0.5 * float(np.sum(a[1:] + a[:-1])) * record.dt  # never less than the integral
     start = 0.0 if initial_velocity is None else np.sqrt((masses * np.square(initial_velocity)).sum(axis=1))
     total = masses.sum(axis=1) + bases.sum(axis=1)
-    return np.asarray(0.5 * (np.sqrt(total) * pushed * np.abs(scale) + start) ** 2)
+    return 0.5 * (np.sqrt(total) * pushed * np.abs(scale) + start) ** 2
 
 
 def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
@@ -99,8 +99,8 @@ def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
             parts[b] = np.sqrt(twice * soft) if yields else soft
     summed = np.concatenate(parts, axis=1)
     if yields:
-        return np.asarray(summed + np.sqrt(twice / factor) * moves.sum(axis=0))
-    return np.asarray(np.sqrt(twice * (summed + np.square(moves).sum(axis=0) / factor)))
+        return summed + np.sqrt(twice / factor) * moves.sum(axis=0)
+    return np.sqrt(twice * (summed + np.square(moves).sum(axis=0) / factor))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # the numbers of a diverged scenario, which are not reported

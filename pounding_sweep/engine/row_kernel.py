@@ -272,7 +272,7 @@ class RowKernel:
             rates = np.maximum(rates, np.maximum(first.max(axis=1), w[:, -1] / FLIGHT_STEP[-1]))
         rates *= record.dt * min(self.numerics.refinement, FINEST_FLIGHT)
         divisors = np.array([n for n in range(1, steps + 1) if steps % n == 0])
-        return np.asarray(divisors[np.minimum(np.searchsorted(divisors, rates), len(divisors) - 1)])
+        return divisors[np.minimum(np.searchsorted(divisors, rates), len(divisors) - 1)]
 
     def run(
         self,

@@ -436,7 +436,6 @@ class _InRows:
     index: Index
 
     def _place(self, name: str) -> Index:
-        del name
         return self.index
 
     def __getattr__(self, name: str) -> Any:
@@ -537,7 +536,6 @@ class Matrices:
 
     def pushes(self, x: ByFloor, y: ByFloor, w: ByFloor, constant: bool) -> Iterator[tuple[Index, int, Lanes]]:
         """Go through what it does at each place, as that of a `Spring`."""
-        del constant
         for name, values, exists in (("dense_k", w, self.is_plain), ("dense_c", y, self._has_damping)):
             for p, force in zip(self._places, self._times(name, values) if exists else (), strict=False):
                 yield p, -1, force
@@ -559,7 +557,6 @@ class Matrices:
 
     def stored(self, x: ByFloor, about_rest: bool = False) -> Lanes:
         """Energy (kJ) that it holds."""
-        del about_rest
         return 0.5 * self._quadratic("dense_k", x) if self.is_plain else 0.0
 
     def _quadratic(self, name: str, x: ByFloor) -> Lanes:

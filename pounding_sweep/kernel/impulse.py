@@ -143,7 +143,6 @@ def locate_event(group: Group, asks: Truths) -> Lanes:
 
 def sample_forces(group: Group, length: Lanes) -> None:
     """Take the forces of resting floors over the sub-step just taken."""
-    del length
     _s, r, h = group.state, group.requested, group.state["h"]
     for contact in group.iter_contacts() if group.spec.implicit and "impulse" in r else ():
         contact.impulse += 0.5 * h * (contact.force_start + contact.force_end)

@@ -268,10 +268,8 @@ class Building:
     #: what the weights above take of each storey's lateral stiffness (kN/m), P / h, zeros without `p_delta`; what they
     #: leave of it (kN/m); and P / (k h)
     geometric_stiffnesses: tuple[float, ...] = derived()
-    #: drift (m) at which a storey falls, infinite where it never does: with `p_delta` the height of one that yields;
-    #: whether it may fall, at that drift or as its springs fail
+    #: drift (m) at which a storey falls, infinite where it never does: with `p_delta` the height of one that yields
     drift_limits: tuple[float, ...] = derived()
-    falls: tuple[bool, ...] = derived()
     lateral_stiffnesses: tuple[float, ...] = derived()
     storey_stiffnesses: tuple[float, ...] = derived()  # `stiffnesses`, NaN of a building by its matrix
     stability_coefficients: tuple[float, ...] = derived()
@@ -317,7 +315,7 @@ class Building:
                 if self.stiffness_matrix is not None:  # of what resists each drift alone
                     drifts = np.diff(np.eye(n), axis=0, prepend=0.0)
                     lateral = 1.0 / np.diag(drifts @ np.linalg.inv(self.lateral_matrix) @ drifts.T)
-                set_fields(self, lateral_stiffnesses=tuple(lateral.tolist()), falls=self._find_falls())
+                set_fields(self, lateral_stiffnesses=tuple(lateral.tolist()))
                 self._check_building(faults.add)
 
     def _scale_to_period(self) -> None:
@@ -342,19 +340,22 @@ class Building:
         if self.stiffness_matrix is not None:
             return np.array(self.stiffness_matrix)
         drifts = np.diff(np.eye(self.n_storeys), axis=0, prepend=0.0)
-        return np.asarray((drifts.T * np.add(self.stiffnesses or (), self.infill_stiffnesses)) @ drifts)
+        return (drifts.T * np.add(self.stiffnesses or (), self.infill_stiffnesses)) @ drifts
 
     @cached_property
     def lateral_matrix(self) -> np.ndarray:
         """What weights leave of the lateral stiffness matrix (kN/m) of the floors on a fixed base."""
         drifts = np.diff(np.eye(self.n_storeys), axis=0, prepend=0.0)
-        return np.asarray(self._without_weights - (drifts.T * self.geometric_stiffnesses) @ drifts)
+        return self._without_weights - (drifts.T * self.geometric_stiffnesses) @ drifts
 
-    def _find_falls(self) -> tuple[bool, ...]:
-        """Return whether each storey may fall."""
-        own = [[law for law, _, is_infill in self.springs_of(i) if not is_infill] for i in range(self.n_storeys)]
-        fails = [yields and all(law.can_fail for law in laws) for yields, laws in zip(self.yields, own, strict=True)]
-        return tuple(flag or math.isfinite(x) for flag, x in zip(fails, self.drift_limits, strict=True))
+    @property
+    def falls(self) -> tuple[bool, ...]:
+        """Whether each storey may fall: at a drift, or as its own springs fail."""
+        return tuple(
+            math.isfinite(limit)
+            or (self.yields[i] and all(law.can_fail or is_infill for law, _, is_infill in self.springs_of(i)))
+            for i, limit in enumerate(self.drift_limits)
+        )
 
     def _check_parts(self, fault: Callable[[Place, str], None]) -> None:
         """Tell of parts that do not go together."""
@@ -374,12 +375,11 @@ class Building:
             for name, default in (("hardening", 0.0), ("damping_stiffness", "initial"), ("hysteresis", None)):
                 if getattr(self, name) != default:
                     fault((name,), f"{name} is that of storeys that yield; give yield_strengths too, or leave it out")
-        for law in (STOREY_LAWS[element.law] for element in (*self.elements, *self.infill_elements)):
-            if self.damping_stiffness == "tangent" and not law.has_tangent:
-                why = f"{law.name} has no tangent stiffness that is one number while a storey yields"
-                fault(("hysteresis",), f'{why}; give damping_stiffness = "initial"')
         laws = [("hysteresis", element) for element in self.elements]
         for place, element in (*laws, *(("infill", element) for element in self.infill_elements)):
+            if self.damping_stiffness == "tangent" and not STOREY_LAWS[element.law].has_tangent:
+                why = f"{element.law} has no tangent stiffness that is one number while a storey yields"
+                fault(("hysteresis",), f'{why}; give damping_stiffness = "initial"')
             for name, length in list_lengths(element).items():
                 if length != n:
                     fault((place, name), f"{length} values for {n} masses; give one per storey")
@@ -520,7 +520,7 @@ class Building:
         """Return C (kN s/m) of damping ratios of all modes on a fixed base, or of each, shape (n, n)."""
         frequencies, shapes = self.on_fixed_base.modes
         heavy = self.deformations.T @ (shapes * np.array(self.masses)[:, None])
-        return np.asarray((heavy * (2.0 * np.multiply(ratios, frequencies))) @ heavy.T)
+        return (heavy * (2.0 * np.multiply(ratios, frequencies))) @ heavy.T
 
     @cached_property
     def system_matrix(self) -> np.ndarray:
@@ -533,34 +533,29 @@ class Building:
     @property
     def lateral_shears(self) -> np.ndarray:
         """Shears of storeys less what the weights push, by the same as `shears`."""
-        return np.asarray(np.cumsum(self.lateral_matrix[::-1], axis=0)[::-1] @ self.deformations)
+        return np.cumsum(self.lateral_matrix[::-1], axis=0)[::-1] @ self.deformations
 
     @property
     def dense_damping(self) -> np.ndarray:
         """Forces on floors of damping by matrices, by velocities of the same, shape (n_storeys, n)."""
         followed = self.rayleigh[1] * self.damping_matrices[1] if "k" in self.letters else 0.0
-        return np.asarray((self.damping_matrices[3] + followed)[: self.n_storeys])
+        return (self.damping_matrices[3] + followed)[: self.n_storeys]
 
     @cached_property
     def shears(self) -> np.ndarray:
         """What storeys bear (kN), by displacements of floors, of the base and its rotation, shape (n_storeys, n)."""
-        return np.asarray(np.cumsum(self._without_weights[::-1], axis=0)[::-1] @ self.deformations)
+        return np.cumsum(self._without_weights[::-1], axis=0)[::-1] @ self.deformations
 
     @property
     def moment(self) -> np.ndarray:
         """Overturning moment at the base (kN m), by the same, shape (n,)."""
-        return np.asarray(self.storey_heights @ self.shears)
+        return self.storey_heights @ self.shears
 
     @property
     def letters(self) -> str:
         """What matrices connect its floors: "k" stiffness, "m" damping of modes, "c" another damping."""
         values = {"k": self.stiffness_matrix, "m": self.modal_damping, "c": self.damping_matrix}
         return "".join(letter for letter, value in values.items() if value is not None)
-
-    @property
-    def has_coupled_modes(self) -> bool:
-        """Whether damping couples its modes: dashpots, a damping matrix, or a foundation."""
-        return any(self.dashed) or self.damping_matrix is not None or self.foundation is not None
 
     @cached_property
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
@@ -589,14 +584,10 @@ class Building:
     def rayleigh(self) -> tuple[float, float]:
         """Factors (a, b) of C = a M + b K (1/s, s), from the first two modes on a fixed base; 0 of other damping."""
         ratios = self.damping_ratio
-        return self._rayleigh(ratios if isinstance(ratios, tuple) else (ratios, ratios))
+        return self.rayleigh_of(ratios if isinstance(ratios, tuple) else (ratios, ratios))
 
-    @cached_property
-    def unit_rayleigh(self) -> tuple[float, float]:
-        """The same of damping ratios of 1."""
-        return self._rayleigh((1.0, 1.0))
-
-    def _rayleigh(self, ratios: tuple[float, float]) -> tuple[float, float]:
+    def rayleigh_of(self, ratios: tuple[float, float]) -> tuple[float, float]:
+        """Return the same of other damping ratios."""
         if self.modal_damping is not None or self.damping_matrix is not None:
             return 0.0, 0.0
         return rayleigh_factors(self.on_fixed_base.frequencies, ratios)

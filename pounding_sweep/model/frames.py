@@ -186,7 +186,7 @@ def cantilever_flexibility(heights: np.ndarray, alpha: float) -> np.ndarray:
     # slope below the force 1 - cosh(alpha z) + b sinh(alpha z), above it c cosh(alpha (1 - z)), continuous with its own
     c = (np.cosh(alpha * a) - 1.0) / np.cosh(alpha)
     b = (np.sinh(alpha * a) - c * np.sinh(alpha * (1.0 - a))) / np.cosh(alpha * a)
-    return np.asarray(z + (b * (np.cosh(alpha * z) - 1.0) - np.sinh(alpha * z)) / alpha)
+    return z + (b * (np.cosh(alpha * z) - 1.0) - np.sinh(alpha * z)) / alpha
 
 
 def building_from_opensees(

@@ -192,7 +192,7 @@ class Law:
             factor = 2.0 * np.sqrt(np.multiply(k, m, dtype=float))
         elif self.impulsive or self.yields:
             factor = 1.0
-        return np.asarray(damping_number(self, e, basis) * factor * shape)
+        return damping_number(self, e, basis) * factor * shape
 
     def quickening(self, e: Any, basis: str = "published") -> np.ndarray:
         """Factor >= 1 by which damping makes the fastest part of a contact shorter than that of an elastic one."""
@@ -201,7 +201,7 @@ class Law:
         if self.number is None or self.impulsive:
             return np.ones(np.shape(e))
         number = damping_number(self, e, basis) * (0.4 / YIELD_SHARE if self.yields else 1.0)
-        return np.asarray(np.maximum(1.0, 2.0 * number) if self.damping == "viscous" else np.sqrt(1.0 + number))
+        return np.maximum(1.0, 2.0 * number) if self.damping == "viscous" else np.sqrt(1.0 + number)
 
 
 #: Penetrations (m), the first two to tell the power with which a force begins, and restitutions that are tried.
@@ -585,7 +585,7 @@ def realised_number(law: Law, e: Any) -> np.ndarray:
     inside = (distinct > 0.0) & (distinct < 1.0)
     solved = relation.number(np.where(inside, distinct, 0.5)) / law.relation_factor
     ends = np.where(distinct > 0.0, 0.0, relation.at_zero / law.relation_factor)
-    return np.asarray(np.where(inside, solved, ends)[inverse].reshape(values.shape))
+    return np.where(inside, solved, ends)[inverse].reshape(values.shape)
 
 
 def damping_number(law: Law, e: Any, basis: str = "published") -> np.ndarray:
@@ -639,4 +639,4 @@ def realised_restitution(law: Law, e: Any, basis: str = "published") -> np.ndarr
     number = damping_number(law, values) * law.relation_factor
     damped = number > 0.0
     rebound = RELATIONS[law.relation].restitution(np.where(damped, number, 1.0))
-    return np.asarray(np.where(damped, rebound, 1.0))
+    return np.where(damped, rebound, 1.0)

@@ -78,7 +78,7 @@ def _root(increasing: Callable[[np.ndarray], np.ndarray], like: np.ndarray) -> n
         middle = 0.5 * (low + high)
         below = increasing(np.exp(middle)) < 0.0
         low, high = np.where(below, middle, low), np.where(below, high, middle)
-    return np.asarray(np.exp(0.5 * (low + high)))
+    return np.exp(0.5 * (low + high))
 
 
 def _log_loss(z: np.ndarray) -> np.ndarray:
@@ -86,7 +86,7 @@ def _log_loss(z: np.ndarray) -> np.ndarray:
     off = np.abs(z - 1.0)
     root = np.sqrt(np.where(off > 0.0, off, 1.0)) * np.sqrt(1.0 + z)
     angle = np.where(z < 1.0, np.arccos(np.minimum(z, 1.0)), np.arccosh(np.maximum(z, 1.0)))
-    return np.asarray(np.where(off > 0.0, z * angle / root, 1.0))
+    return np.where(off > 0.0, z * angle / root, 1.0)
 
 
 def _log_stored(x: np.ndarray, log1p_x: np.ndarray | None = None) -> np.ndarray:
@@ -101,7 +101,7 @@ def _log_stored(x: np.ndarray, log1p_x: np.ndarray | None = None) -> np.ndarray:
             series += coefficient
     far = np.where(near, 1.0, np.abs(x))
     difference = np.where(near, 1.0, x - log1p_x)
-    return np.asarray(np.where(near, np.log1p(series), np.log(2.0 * difference) - 2.0 * np.log(far)))
+    return np.where(near, np.log1p(series), np.log(2.0 * difference) - 2.0 * np.log(far))
 
 
 def _damped_rebound(log_stored: Callable[[np.ndarray], np.ndarray]) -> dict[str, Any]:
@@ -109,16 +109,16 @@ def _damped_rebound(log_stored: Callable[[np.ndarray], np.ndarray]) -> dict[str,
     # the unknown is w = -ln(1 - y) of y = e D, which tells apart the y that round to 1
 
     def share(w: np.ndarray) -> np.ndarray:
-        return np.asarray(-np.expm1(-w))
+        return -np.expm1(-w)
 
     def restitution(number: np.ndarray) -> np.ndarray:
         stored = 2.0 * np.log(number) + log_stored(number)
         root = _root(lambda w: 2.0 * np.log(share(w)) + _log_stored(-share(w), -w) - stored, number)
-        return np.asarray(share(root) / number)
+        return share(root) / number
 
     def number(e: np.ndarray) -> np.ndarray:
         root = _root(lambda w: _log_stored(-share(w), -w) - log_stored(share(w) / e) + 2.0 * np.log(e), e)
-        return np.asarray(share(root) / e)
+        return share(root) / e
 
     return {"restitution": restitution, "number": number}
 
@@ -127,20 +127,20 @@ def _tension_restitution(z: np.ndarray) -> np.ndarray:
     """Zero from critical damping on: the masses then part only after infinite time."""
     under = np.minimum(z, 1.0)
     with np.errstate(divide="ignore"):
-        return np.asarray(np.exp(-math.pi * under / np.sqrt((1.0 - under) * (1.0 + under))))
+        return np.exp(-math.pi * under / np.sqrt((1.0 - under) * (1.0 + under)))
 
 
 def _yielding_loss(force: np.ndarray) -> np.ndarray:
     """1 - e^2 of B in [0, 1], the yield force in parts of that at the depth which an elastic contact would reach."""
     energy = 0.5 * force * YIELD_SHARE + 0.4
     depth = 2.0 * energy / (force + np.sqrt(force * force + 2.0 * (1.0 - force) * energy))
-    return np.asarray(force * (depth - YIELD_SHARE) / 0.4)
+    return force * (depth - YIELD_SHARE) / 0.4
 
 
 def _yielding_number(e: np.ndarray) -> np.ndarray:
     loss = (1.0 - e) * (1.0 + e)
     ratio = _root(lambda ratio: _yielding_loss(ratio / (1.0 + ratio)) - loss, e)  # of the yield force to what is left
-    return np.asarray(ratio / (1.0 + ratio) * (1.0 - YIELD_SHARE) / 0.4)
+    return ratio / (1.0 + ratio) * (1.0 - YIELD_SHARE) / 0.4
 
 
 #: Relations by name.

@@ -394,11 +394,15 @@ class Scene:
             n_dof=sum(building.n_storeys for building in buildings),
             n_moving=sum(building.n_storeys + 2 * (building.foundation is not None) for building in buildings),
             offsets=(0, *itertools.accumulate(building.n_storeys for building in buildings)),
-            yields=tuple(flag for building in buildings for flag in building.yields),
-            falls=tuple(flag for building in buildings for flag in building.falls),
-            dashed=tuple(flag for building in buildings for flag in building.dashed),
+            **{
+                name: tuple(flag for building in buildings for flag in getattr(building, name))
+                for name in ("yields", "falls", "dashed")
+            },
             foundations=tuple(b for b, building in enumerate(buildings) if building.foundation is not None),
-            has_classical_modes=not (self.links or any(item.has_coupled_modes for item in buildings)),
+            has_classical_modes=not (
+                self.links
+                or any(item.foundation or item.damping_matrix is not None or any(item.dashed) for item in buildings)
+            ),
         )
         names = [item.name for item in row]
         if repeated := sorted({n for n in names if names.count(n) > 1}):

@@ -176,24 +176,24 @@ class Variants:
     @cached_property
     def elastic_stiffnesses(self) -> np.ndarray:
         """Stiffnesses of the storeys themselves (kN/m), without infill, shape (n, floors)."""
-        return np.asarray(self.own_stiffnesses + self.geometric_stiffnesses)
+        return self.own_stiffnesses + self.geometric_stiffnesses
 
     @cached_property
     def own_stiffnesses(self) -> np.ndarray:
         """Lateral stiffnesses of storeys (kN/m) without infill, shape (n, floors)."""
-        return np.asarray(self.stiffnesses - self.infill_stiffnesses)
+        return self.stiffnesses - self.infill_stiffnesses
 
     @cached_property
     def yield_drifts(self) -> np.ndarray:
         """Drifts at first yield (m), infinite where storeys never yield, shape (n, floors)."""
-        return np.asarray(self.yield_strengths / self.elastic_stiffnesses)
+        return self.yield_strengths / self.elastic_stiffnesses
 
     @cached_property
     def elastic_hardenings(self) -> np.ndarray:
         """Hardening of the storeys themselves, shape (n, floors)."""
         varied = np.repeat(self.hardening, [b.n_storeys for b in self.scene.buildings], axis=1)
         of_scene = np.concatenate([b.hardenings for b in self.scene.buildings])
-        return np.asarray(np.where(np.isnan(varied), of_scene, varied))
+        return np.where(np.isnan(varied), of_scene, varied)
 
     @cached_property
     def infill_hardenings(self) -> np.ndarray:
@@ -205,7 +205,7 @@ class Variants:
         """Lateral stiffness of storeys that yield over their elastic one, with P-Delta negative where they soften."""
         geometric, elastic = self.geometric_stiffnesses, self.elastic_hardenings
         left = (elastic * self.elastic_stiffnesses - geometric) / self.own_stiffnesses
-        return np.asarray(np.where((geometric > 0.0) & np.isfinite(self.yield_strengths), left, elastic))
+        return np.where((geometric > 0.0) & np.isfinite(self.yield_strengths), left, elastic)
 
     def dense(self, name: str) -> np.ndarray:
         """Triangles of stiffness or damping matrices of all buildings that have one, shape (n, entries)."""
@@ -222,7 +222,7 @@ class Variants:
     @cached_property
     def stiffness_factors(self) -> np.ndarray:
         """Factors on all stiffnesses of buildings, shape (n, buildings)."""
-        return np.asarray(self.mass_factor / self.period_factor**2)
+        return self.mass_factor / self.period_factor**2
 
     def softness(self, name: str) -> np.ndarray:
         """Square of the largest shear of each storey, or moment of each building, over twice the energy."""
@@ -325,7 +325,7 @@ class Variants:
         shares = np.einsum("im,npij,jm->pnm", shapes, self._damping_matrices(building), shapes) / (2.0 * w)
         (a, b), (mass, stiff, dashpots, dense) = self.rayleigh(building), shares
         others = dense + dashpots * (item.foundation is not None)
-        return np.asarray(a[:, None] * mass * period + b[:, None] * stiff / period + others)
+        return a[:, None] * mass * period + b[:, None] * stiff / period + others
 
     def rayleigh(self, building: int) -> tuple[np.ndarray, np.ndarray]:
         """Factors (a, b) of C = a M + b K of a building (1/s, s), shape (n,) each."""
@@ -337,7 +337,7 @@ class Variants:
         """Factors (a, b) of C = a M + b K of all buildings (1/s, s), shape (n, buildings) each."""
         buildings = self.scene.buildings
         scene_factors = np.array([building.rayleigh for building in buildings]).T
-        unit = np.array([building.unit_rayleigh for building in buildings]).T
+        unit = np.array([building.rayleigh_of((1.0, 1.0)) for building in buildings]).T
         ratio = self.damping_ratio[:, None]
         a, b = (np.where(np.isnan(ratio), x, ratio * y) for x, y in zip(scene_factors, unit, strict=True))
         return a / self.period_factor, b * self.period_factor

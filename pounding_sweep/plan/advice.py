@@ -44,7 +44,7 @@ def elastic_duration(exponent: float, stiffness: np.ndarray | float, mass: np.nd
     factor = 2.0 * math.sqrt(math.pi) * math.gamma(1.0 + share) / math.gamma(0.5 + share)
     factor *= (0.5 * (exponent + 1.0)) ** share
     slow = np.maximum(speed, RESTING_SPEED) ** ((1.0 - exponent) * share)
-    return np.asarray(factor * (np.asarray(mass) / np.asarray(stiffness)) ** share * slow)
+    return factor * (np.asarray(mass) / np.asarray(stiffness)) ** share * slow
 
 
 def highest_frequency(row: Scene | Variants) -> np.ndarray:
@@ -60,7 +60,7 @@ def approach_speeds(row: Scene | Variants, record: Record) -> np.ndarray:
     variants = variants_of(row)
     first, which = variants.flights()
     parts = [_pair_speeds(variants[first[k : k + _BLOCK]], record) for k in range(0, len(first), _BLOCK)]
-    return np.asarray(np.concatenate(parts, axis=1).T[which])
+    return np.concatenate(parts, axis=1).T[which]
 
 
 def _pair_speeds(variants: Variants, record: Record) -> np.ndarray:
@@ -215,7 +215,7 @@ def classes_of(outputs: Iterable[str]) -> tuple[str, ...]:
 
 def round_up_steps(wanted: np.ndarray) -> np.ndarray:
     """Round numbers of steps up to 1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 30, 40, 50, 60, 80, 100, 120 ..."""
-    return np.asarray(_STEPS[np.searchsorted(_STEPS, np.asarray(wanted, float) * (1.0 - 1e-9))])
+    return _STEPS[np.searchsorted(_STEPS, np.asarray(wanted, float) * (1.0 - 1e-9))]
 
 
 def rounding(method: str) -> float:

@@ -230,7 +230,7 @@ class Plan:
     def seconds_of(self, rows: np.ndarray) -> np.ndarray:
         """Estimated seconds of each of these rows of `unique` on one core."""
         of_one = np.array([self.scenario_seconds(record, 1) for record in range(len(self.spec.records))])
-        return np.asarray(of_one[self.unique.record[rows]] * self.steps[rows])
+        return of_one[self.unique.record[rows]] * self.steps[rows]
 
     def _rest_points(self, record: int) -> float:
         """Estimated record intervals of the rest: until a motion as strong as the end of the record is a twentieth."""
@@ -389,18 +389,16 @@ def _choose(
                 raise
             spec, reason = replace(spec, accuracy=None), f", since {error}"
     spec = with_default_scheme(spec) if is_open else spec
-    assert spec.method is not None
-    assert spec.dt is not None
-    assert spec.precision is not None
-    settings = spec.locate, spec.beta, spec.gamma, spec.precision
-    numerics = Numerics(spec.method, spec.dt, *settings, rest=seconds_of_rest(spec.rest))
+    names = "method", "dt", "locate", "beta", "gamma", "precision"
+    settings: Any = {name: getattr(spec, name) for name in names} | {"rest": seconds_of_rest(spec.rest)}
+    numerics = Numerics(**settings)
     # stages beside contacts take sub-steps by the contacts' durations rather than by a long step
-    coarser = min(min(spec.dt, max(record.dt for record in spec.records)) / STAGED_STEP, MOST_REFINEMENT)
+    coarser = min(min(numerics.dt, max(record.dt for record in spec.records)) / STAGED_STEP, MOST_REFINEMENT)
     if coarser > 1.0 and any(kernel_shape(spec.scene, law, numerics, ()).staged for law in laws):
         numerics = replace(numerics, refinement=coarser)
     of_record = np.array([numerics.steps(record) for record in spec.records], np.int32)
     uncoupled = np.broadcast_to(of_record[:, None], (len(of_record), len(variants)))
-    text = f"none: {spec.method} at steps of {spec.dt:g} s{reason}" if is_open else ""
+    text = f"none: {spec.method} at steps of {numerics.dt:g} s{reason}" if is_open else ""
     return spec, Choice(numerics, of_record[table.record], uncoupled, text)
 
 

@@ -58,7 +58,6 @@ class ImposedSpring(Sampled):
 
     def drift(self, x: Any = "u", rounding: bool = False) -> Any:
         """Return the drift (m), or the sign of its rate, by the names of kernels' rows."""
-        del rounding
         return self.imposed if x == "u" else self.way
 
     def impose(self, drift: Any) -> None:

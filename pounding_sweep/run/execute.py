@@ -199,7 +199,7 @@ def execute(
 def is_refined(plan: Plan, rows: np.ndarray, table: np.ndarray) -> np.ndarray:
     """Whether the steps of scenarios were halved more than once."""
     intervals = np.array([record.dt for record in plan.spec.records])[plan.unique.record[rows]]
-    return np.asarray(intervals / table["time_step"] > 3.0 * plan.steps[rows])
+    return intervals / table["time_step"] > 3.0 * plan.steps[rows]
 
 
 def _run_stage(

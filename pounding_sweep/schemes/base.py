@@ -49,7 +49,6 @@ class Scheme(ABC):
 
     def refuses(self, scene: Scene, precision: str = "float64") -> str | None:
         """Say why it can't take a row in a number format; None where it can."""
-        del precision
         for floor, law, *_ in () if self.follows_flow else scene.springs:
             if not law.straight:
                 name = scene.buildings[np.searchsorted(scene.offsets, floor, "right") - 1].name

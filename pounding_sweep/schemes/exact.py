@@ -84,7 +84,6 @@ class Exact(Explicit):
 
     def after(self, stage: int, u: Lanes, v: Lanes, x: Lanes, a: Sequence[Lanes], h: Lanes) -> tuple[Lanes, Lanes]:
         """State that each stage leads to."""
-        del x
         moved, sped = _mean(TWICE[stage], a), _mean(STAGES[stage], a)
         start = fma(h if stage == len(self.nodes) else h * self.nodes[stage][0], v, u)
         return start if moved is None else fma(h * h, moved, start), fma(h, sped, v)

@@ -56,7 +56,7 @@ class Explicit(Scheme):
         """By the radii."""
         # an overdamped mode has no frequency: its rate is at most that of the dampers, where they are largest
         fastest = np.maximum(np.sqrt(w2), rate)
-        return np.asarray(np.where(rate > 0.0, self.damped_radius, self.undamped_radius) / fastest)
+        return np.where(rate > 0.0, self.damped_radius, self.undamped_radius) / fastest
 
     def step(
         self, group: Group, h: Lanes, part: Part | None = None, press: Press | None = None, joins: bool = False

@@ -278,7 +278,7 @@ class Newmark(Scheme):
         """Of the undamped motion, which damping only extends; infinite where beta and gamma leave none."""
         if beta >= 0.25 * (gamma + 0.5) ** 2 or gamma / 2.0 - beta <= 0.0:
             return np.full(w2.shape, np.inf)
-        return np.asarray(1.0 / np.sqrt(w2 * (gamma / 2.0 - beta)))
+        return 1.0 / np.sqrt(w2 * (gamma / 2.0 - beta))
 
     def phase_error(self, x: np.ndarray, beta: float, gamma: float) -> np.ndarray:
         """By the first terms."""

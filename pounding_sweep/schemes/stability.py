@@ -113,7 +113,7 @@ def longest_substep(row: Variants, dt: float, rough: bool, reducers: frozenset[s
     most = stride * dt * EVEN
     if not scene.has_classical_modes:
         limit = largest_step(row, LAWS["none"], np.zeros(len(row)), np.ones(len(row)), method="rk4")
-        return np.asarray(np.minimum(most, Exact.undamped_radius / Rk4.undamped_radius * limit))
+        return np.minimum(most, Exact.undamped_radius / Rk4.undamped_radius * limit)
     limits = [
         np.where((decays >= 2.0 * DAMPED * w).all(axis=1), Exact.damped_radius, Exact.undamped_radius) / w[:, -1]
         for w, decays in row.systems

@@ -265,11 +265,11 @@ def _energy_residual(results: KernelResults) -> np.ndarray:
     if "link_held" in raw:
         work = work + raw["link_held"].sum(axis=1) + raw["link_lost"].sum(axis=1)
     size = np.maximum.reduce([np.abs(raw["e_in"]).sum(axis=1), gained.sum(axis=1), np.abs(work)])
-    return np.asarray(np.abs(left - work) / np.where(size > 0, size, 1.0))
+    return np.abs(left - work) / np.where(size > 0, size, 1.0)
 
 
 def _shear(results: KernelResults) -> np.ndarray:
-    elastic = np.asarray(results.slots["drift"] * results.variants.elastic_stiffnesses)
+    elastic = results.slots["drift"] * results.variants.elastic_stiffnesses
     if "shear" not in results.slots:
         return elastic
     sizes = np.diff(results.scene.offsets)

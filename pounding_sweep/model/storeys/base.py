@@ -35,7 +35,6 @@ class Shares:
 
     def with_factors(self, capacity: float, deterioration: float) -> Shares:
         """Return the same, with factors on the drifts at which strength is lost and on those of deterioration."""
-        del capacity, deterioration
         return self
 
 
@@ -151,34 +150,28 @@ class StoreyLaw(ABC):
 
     def values(self, parameters: Any, numbers: Numbers) -> dict[str, Any]:
         """Return its `constants`."""
-        del parameters
         return {"hardening": numbers.hardening, "yield_drift": numbers.yield_drift}
 
     def compiled(self, parameters: Any) -> tuple[float, ...]:
         """Return the parameters that decide a kernel's code."""
-        del parameters
         return ()
 
     def variant(self, compiled: tuple[float, ...]) -> StoreyLaw:
         """Return what springs of these parameters follow: a law with rows and constants of its own, if they need it."""
-        del compiled
         return self
 
     def ultimate_drifts(self, parameters: Any, numbers: Numbers) -> tuple[Any, Any]:
         """Return the sizes of the drifts (m) to the negative and the positive side at which its strength is gone."""
-        del parameters, numbers
         return np.inf, np.inf
 
     def is_polynomial(self, compiled: tuple[float, ...]) -> bool:
         """Whether steps may be series."""
-        del compiled
         return True
 
     # branches --------------------------------------------------------------------------------------------------------
 
-    def begin(self, spring: Any, lanes: Any) -> None:
+    def begin(self, spring: Any, lanes: Any) -> None:  # noqa: B027
         """Put the first state of a spring whose rows are zero, in some lanes."""
-        del spring, lanes
 
     @abstractmethod
     def line(self, spring: Any) -> tuple[Any, Any]:

@@ -62,7 +62,6 @@ class PeakOriented(BackboneLaw):
 
     def _pinch(self, p: Any, again: Any, steepness: Any) -> tuple[Any, tuple[Any, Any], Any]:
         """Return where it goes to the pinching point, that point, and how steeply: nowhere."""
-        del again, steepness
         return p.turned & False, (p.x, p.f), p.f
 
 
