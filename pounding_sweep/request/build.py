@@ -79,8 +79,6 @@ from pounding_sweep.request.spec import (
 )
 from pounding_sweep.schemes import SCHEMES
 
-#: After so many faults in a list the rest of it is not looked at.
-_MOST_FAULTS = 20
 #: Places and values by what has them.
 TargetValues = dict[Target, tuple[Place, Any]]
 
@@ -234,14 +232,10 @@ class _Reader:
     ) -> list[Any]:
         """Read a `single` item or each of a list, which makes one thing or several; no two have the same key."""
         results: dict[Any, tuple[int, Any]] = {}
-        items, before = listed(value, single), len(self.faults.entries)
+        items = listed(value, single)
         if not items:
             self.faults.add(place, f"must be one or several of {what}, not {repr_short(value)}")
         for index, item in enumerate(items or ()):
-            if len(self.faults.entries) - before >= _MOST_FAULTS:
-                text = f"the values from [{index}] on are not looked at, as {_MOST_FAULTS} before are at fault"
-                self.faults.add(place, text)
-                break
             at = place if isinstance(value, single) else (*place, index)
             result = self.faults.attempt(at, read, item)
             for thing in result if isinstance(result, list) else () if result is None else (result,):

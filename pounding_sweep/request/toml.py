@@ -58,8 +58,6 @@ def sweep_file_hint(path: str) -> str:
     return f"; {near}" if near else "; `pounding-sweep init --list` shows the examples to begin with"
 
 
-#: Larger sweep files are refused: tens of thousands of listed cases have a few MiB.
-MAX_FILE_BYTES = 64 * 2**20
 #: A backslash in a text of double quotes, as in paths of Windows.
 _BACKSLASH = re.compile(r'"[^"\n]*\\')
 
@@ -176,27 +174,18 @@ def load_spec(
     name = os.fspath(path)
     try:
         file = expanded(path)
-        if file.exists() and not (file.is_file() or file.is_dir()):  # opening a pipe would wait, a device may never end
-            raise ValueError("not a regular file; save the sweep to a file first")
-        if (size := file.stat().st_size) > MAX_FILE_BYTES:
-            raise ValueError(f"it has {size:,} bytes, at most {MAX_FILE_BYTES:,} are read; give axes as ranges")
         text = file.read_text("utf-8-sig")  # editors on Windows put a mark first
-    except UnicodeDecodeError as error:
-        raise sweep_error(
-            [f"{name}: the sweep file is not UTF-8 text (byte {error.start}); save it as UTF-8"]
-        ) from None
-    except (OSError, ValueError) as error:
-        hint = sweep_file_hint(name) if isinstance(error, FileNotFoundError) else ""
-        why = getattr(error, "strerror", None) or error
-        raise sweep_error([f"{name}: the sweep file can't be read: {why}{hint}"]) from None
-    try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise syntax_error(name, text, error) from None
-    except (ValueError, RecursionError) as error:  # a number of thousands of digits, brackets without end
+    except UnicodeDecodeError as error:
+        fault = f"the sweep file is not UTF-8 text (byte {error.start}); save it as UTF-8"
+        raise sweep_error([f"{name}: {fault}"]) from None
+    except (OSError, ValueError, RecursionError) as error:
+        hint = sweep_file_hint(name) if isinstance(error, FileNotFoundError) else ""
         deep = "its arrays are too deep; those of sweep files have two levels at most"
-        why = deep if isinstance(error, RecursionError) else error
-        raise sweep_error([f"{name}: no usable TOML: {why}"]) from None
+        why = deep if isinstance(error, RecursionError) else getattr(error, "strerror", None) or error
+        raise sweep_error([f"{name}: the sweep file can't be read: {why}{hint}"]) from None
     faults = Faults()
     arguments = _arguments(faults, data) | ({} if laws is None else {"laws": laws})
     arguments |= {"base": file.parent, "skip_missing_records": skip_missing_records, "folders": folders}
