@@ -26,7 +26,7 @@ from pounding_sweep.output.dataset import global_attributes, unit_attributes
 from pounding_sweep.output.identity import library_versions
 from pounding_sweep.output.labels import listed_coordinates
 from pounding_sweep.plan.plan import Plan, make_plan, untouched
-from pounding_sweep.plan.scenarios import ChunkTask, Scenarios, changed
+from pounding_sweep.plan.scenarios import Scenarios, changed
 from pounding_sweep.request.spec import DEFAULT_ACCURACY, METHODS, PRECISIONS, SweepSpec, digest, to_json, with_accuracy
 from pounding_sweep.run.diagnosis import diagnose
 from pounding_sweep.run.execute import Progress
@@ -95,9 +95,9 @@ def run_rows(plan: Plan, table: Scenarios, steps: np.ndarray, outputs: Sequence[
     for law in np.unique(table.law).tolist():
         of_law = np.flatnonzero(table.law == law)
         for index, count, places in table[of_law].by_step(steps[of_law]):
-            rows, kernel = of_law[places], plan.kernel(law, closing, record=index, steps=count)
-            variants = plan.variants[table.variant[rows]]
-            result = run_scenarios(ChunkTask(kernel, plan.spec.records[index], table[rows], variants, outputs))
+            rows = of_law[places]
+            task = plan.task(table[rows], law, index, count, closing=closing, outputs=outputs)
+            result = run_scenarios(task._replace(once=False))
             for name in values.keys() & result.keys():
                 values[name][rows] = result[name]
     return values

@@ -8,7 +8,7 @@ at least the largest closing displacement of the run without pounding never touc
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -172,6 +172,21 @@ class Plan:
             by_pair=self.unique.stiffness.ndim > 1,
             accuracy=self.spec.accuracy,
         )
+
+    def task(
+        self,
+        table: Scenarios,
+        law: int,
+        record: int,
+        steps: int,
+        *,
+        closing: bool = False,
+        outputs: Sequence[str] | None = None,
+    ) -> scenarios.ChunkTask:
+        """Return the task that runs scenarios of a law and a record, see `kernel`."""
+        kernel = self.kernel(law, closing, record=record, steps=steps)
+        variants, outputs = self.variants[table.variant], self.outputs if outputs is None else outputs
+        return scenarios.ChunkTask(kernel, self.spec.records[record], table, variants, outputs, self.once)
 
     @cached_property
     def shares_kernel(self) -> bool:

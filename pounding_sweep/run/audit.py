@@ -196,10 +196,9 @@ def compare(
     """
 
     def task_of(chunk: Chunk) -> ChunkTask:
-        record, scenarios = plan.spec.records[chunk.record], plan.unique[chunk.rows]
-        kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)
-        kernel = replace(halved(kernel, record).in_double if exact is None else exact(kernel), accuracy=accuracy)
-        return ChunkTask(kernel, record, scenarios, plan.variants[scenarios.variant], outputs)
+        task = plan.task(plan.unique[chunk.rows], chunk.law, chunk.record, chunk.steps, outputs=outputs)
+        kernel = halved(task.kernel, task.record).in_double if exact is None else exact(task.kernel)
+        return task._replace(kernel=replace(kernel, accuracy=accuracy), once=False)
 
     error, status = np.zeros((len(rows), len(outputs))), np.zeros(len(rows), np.int8)
     for chunk, fine in dispatcher.run(plan.chunks(rows), task_of):

@@ -9,7 +9,6 @@ import numpy as np
 from pounding_sweep.engine.compile import missing_kernels
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.plan.plan import Plan
-from pounding_sweep.plan.scenarios import ChunkTask
 from pounding_sweep.run.refinement import run_scenarios
 
 
@@ -28,9 +27,7 @@ def measured_seconds(plan: Plan) -> float | None:
         alike = of_law[(table.record[of_law] == table.record[first]) & (plan.steps[of_law] == plan.steps[first])]
         group = random.choice(alike, 2 * LANES)
         record, steps = int(table.record[first]), int(plan.steps[first])
-        kernel, scenarios = plan.kernel(law, record=record, steps=steps), table[group]
-        variants = plan.variants[scenarios.variant]
-        task = ChunkTask(kernel, plan.spec.records[record], scenarios, variants, plan.outputs, plan.once)
+        task = plan.task(table[group], law, record, steps)
         run_scenarios(task)
         started = time.perf_counter()
         run_scenarios(task)

@@ -257,9 +257,8 @@ def _run_stage(
         store.expect(plan, stage, [*stored, *waiting])
 
     def task_of(chunk: Chunk) -> ChunkTask:
-        kernel = plan.kernel(chunk.law, closing=closing, record=chunk.record, steps=chunk.steps)
-        part = table[chunk.rows]
-        return ChunkTask(kernel, plan.spec.records[chunk.record], part, plan.variants[part.variant], outputs, plan.once)
+        kind = chunk.law, chunk.record, chunk.steps
+        return plan.task(table[chunk.rows], *kind, closing=closing, outputs=outputs)
 
     for chunk, result in dispatcher.run(waiting, task_of):
         if isinstance(result, str):  # the next run makes what is missing
