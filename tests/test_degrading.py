@@ -100,8 +100,8 @@ def test_factors_are_on_capacities_and_deterioration_of_all_springs():
 @pytest.mark.parametrize(
     ("axes", "message"),
     [
-        ({"ductility_capacity_factors": {"a": [2.0]}}, "'a' has no storey law with cap_drift or ultimate_drift"),
-        ({"deterioration_factors": {"b": [2.0]}}, "'b' has no storey law with deterioration"),
+        ({"ductility_capacity_factors": {"a": [2.0]}}, "'a' has no cap_drift or ultimate_drift"),
+        ({"deterioration_factors": {"b": [2.0]}}, "'b' has no deterioration"),
         ({"ductilities": [2.0]}, "storeys lose strength at drifts of their own"),
     ],
 )

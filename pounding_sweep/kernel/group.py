@@ -24,8 +24,6 @@ from pounding_sweep.model.storeys import Elastic, law_of
 
 #: Rows of the ground's acceleration at both ends of a sub-step, and of the step that events cut into these.
 ENDS, ENDS_OF_STEP = ("ground0", "ground"), ("step_ground0", "step_ground")
-#: Constants that all lanes share even where buildings vary.
-SHARED = frozenset({"u0", "v0", "cap", "newmark_beta", "newmark_gamma", "settles"})
 #: What a reducer asks of each sub-step of a closed contact, each with those before it: nothing, the penetration at
 #: both ends, the force too, or that forces and their rates at both ends are kept for all floors.
 LOOKS = ("", "depth", "force", "ends")
@@ -193,10 +191,9 @@ class Group:
 
     def prop(self, name: str, i: int = 0) -> Lanes:
         """Return a constant of the scene: of a floor, building or contact; per lane where buildings vary."""
-        if self.spec.varied and name not in SHARED and f"p_{name}" in self._inputs.count:
+        if f"p_{name}" in self._inputs.count:
             return self.state[f"p_{name}", i]
-        at = self._places.first[name] + i
-        return self._scene.number(at, fixed=True)
+        return self._scene.number(self._places.first[name] + i, fixed=True)
 
     def clock(self, h: Lanes) -> Lanes:
         """Time (s) since the start of the motion, of lanes that are within a step of length h."""
@@ -385,12 +382,6 @@ class GroundMotion:
         """Go through a sub-step, or through that of other `rows`, between two accelerations, in some lanes."""
         for name, x in zip(rows, (start, end), strict=True):
             self.state.put(lanes, x, name)
-
-    def go_part(self, done: Lanes, length: Lanes, rest: Lanes, h: Lanes) -> None:
-        """Go through a part of a step of h: what is done of it, the part's length, and what was left."""
-        start, end = (self.state[name] for name in ENDS_OF_STEP)
-        early, late = (start + (end - start) * (x / h) for x in (done, done + length))
-        self.go(where(done <= 0.0, start, early), where(length >= rest, end, late))
 
     def rise(self, b: Index) -> Lanes:
         """Acceleration below building b at the end of the sub-step, less that at its start."""

@@ -118,8 +118,7 @@ def update_penetrations(group: Group) -> Truths:
 
 def locate_event(group: Group, asks: Truths) -> Lanes:
     """Fraction of the trial at which the first contact touches, or would pull (1: none), in the lanes that ask."""
-    _s, h = group.state, group.state["h"]
-    first = group.cell(1.0)
+    h, first = group.state["h"], group.cell(1.0)
     for contact in group.iter_contacts():
         mode, d0, d1, v0, v1 = contact.mode, contact.pen_start, contact.pen_end, contact.rate_start, contact.rate_end
         closed, late = mode > OPEN, contact.force_end
@@ -143,8 +142,8 @@ def locate_event(group: Group, asks: Truths) -> Lanes:
 
 def sample_forces(group: Group, length: Lanes) -> None:
     """Take the forces of resting floors over the sub-step just taken."""
-    _s, r, h = group.state, group.requested, group.state["h"]
-    for contact in group.iter_contacts() if group.spec.implicit and "impulse" in r else ():
+    h = group.state["h"]
+    for contact in group.iter_contacts() if group.spec.implicit and "impulse" in group.requested else ():
         contact.impulse += 0.5 * h * (contact.force_start + contact.force_end)
 
 
@@ -216,7 +215,7 @@ def _apply_impacts(group: Group, lanes: Truths, h: Lanes) -> None:
 
 def _stop_approach(group: Group, lanes: Truths) -> None:
     """Floors at this instant that do not part stop to approach: what `_apply_impacts` has left of it."""
-    _s, r = group.state, group.requested
+    r = group.requested
     for contact in group.iter_contacts():
         v = contact.between("v")
         contact.put(lanes, rate_end=v)
@@ -252,7 +251,7 @@ def _choose(group: Group, lanes: Truths) -> None:
 
 def apply_events(group: Group, lanes: Truths, h: Lanes) -> Truths:
     """Let floors part, jump and come to rest at the instant that ends this sub-step; returns its lanes."""
-    _s, released = group.state, group.limit.released
+    released = group.limit.released
     for contact in group.iter_contacts():
         due = is_due(contact, lanes)
         opened = contact.mode == OPEN

@@ -142,7 +142,9 @@ def look_ahead(group: Group, h: Lanes) -> None:
     ahead = where((longest < rest) & (s["tries"] < forces.MAX_TRIES), longest, rest)
     length = where(rest > 0.0, where(s["land"] > 0.0, s["ahead"], ahead), 0.0)
     s["h"] = length
-    group.ground.go_part(h - rest, length, rest, h)
+    done, (start, end) = h - rest, (s[name] for name in ENDS_OF_STEP)
+    early, late = (start + (end - start) * (x / h) for x in (done, done + length))
+    group.ground.go(where(done <= 0.0, start, early), where(length >= rest, end, late))
 
 
 def refuse(group: Group, lanes: Truths) -> None:

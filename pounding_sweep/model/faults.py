@@ -270,16 +270,16 @@ def as_mapping(value: Any) -> Any:
         return value
 
 
+def schema(kind: Any) -> GetPydanticSchema:
+    """Return the schema of a type, for what type checkers know as another one."""
+    return GetPydanticSchema(lambda _, handler: handler(kind))
+
+
 def one_or_several(one: Any, several: Any) -> GetPydanticSchema:
     """Return the schema of one thing, or of a list."""
     union = Annotated[one, Tag("|one")] | Annotated[several, Listed, Tag("|several")]
     tags = Discriminator(lambda value: "|several" if isinstance(value, (list, tuple, np.ndarray)) else "|one")
-    return GetPydanticSchema(lambda _, handler: handler(Annotated[union, tags]))
-
-
-def optional(kind: Any) -> GetPydanticSchema:
-    """Return the schema of a thing or None, of which the class makes a thing."""
-    return GetPydanticSchema(lambda _, handler: handler(kind | None))
+    return schema(Annotated[union, tags])
 
 
 def called(function: Callable[..., T], table: Any, first: str = "", also: Collection[str] = (), **more: Any) -> T:

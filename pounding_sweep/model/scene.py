@@ -13,7 +13,7 @@ from functools import cached_property, partial
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
-from pydantic import BeforeValidator, Discriminator, Field, GetPydanticSchema, Tag, ValidationInfo
+from pydantic import BeforeValidator, Discriminator, Field, Tag, ValidationInfo
 
 from pounding_sweep.base.errors import InputError, SceneError, unknown
 from pounding_sweep.base.text import html_table
@@ -201,9 +201,9 @@ class Bumper:
 
     pair: str
     law: Annotated[Any, BeforeValidator(_read_law)]
-    stiffness: Annotated[float, model_faults.optional(Positive)] = None  # type: ignore[assignment]
+    stiffness: Annotated[float, model_faults.schema(Positive | None)] = None  # type: ignore[assignment]
     restitution: model_faults.Number | None = None
-    thickness: Annotated[float, model_faults.optional(NotNegative)] = None  # type: ignore[assignment]
+    thickness: Annotated[float, model_faults.schema(NotNegative | None)] = None  # type: ignore[assignment]
     storeys: Annotated[Sequence[Integer], Listed] = ()
 
     def __post_init__(self) -> None:
@@ -345,7 +345,7 @@ class Scene:
     contact: ContactProperties = field(default_factory=ContactProperties)
     tolerance: NotNegative = field(default=FLOOR_TOLERANCE, kw_only=True)
     contacts: Any = field(default=CONTACTS[0], kw_only=True, repr=False)
-    storeys: Annotated[Any, GetPydanticSchema(lambda _, handler: handler(_Limits))] = field(default=(), kw_only=True)
+    storeys: Annotated[Any, model_faults.schema(_Limits)] = field(default=(), kw_only=True)
     allow_unmet: model_faults.Flag = field(default=False, kw_only=True)
     links: Annotated[Sequence[Link], Listed] = field(default=(), kw_only=True)
     bumpers: Annotated[Sequence[Bumper], Listed] = field(default=(), kw_only=True)

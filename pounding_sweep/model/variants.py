@@ -196,11 +196,6 @@ class Variants:
         return np.where(np.isnan(varied), of_scene, varied)
 
     @cached_property
-    def infill_hardenings(self) -> np.ndarray:
-        """Hardening of infill, shape (1, floors)."""
-        return np.concatenate([b.of_infill("hardening") for b in self.scene.buildings])[None]
-
-    @cached_property
     def hardenings(self) -> np.ndarray:
         """Lateral stiffness of storeys that yield over their elastic one, with P-Delta negative where they soften."""
         geometric, elastic = self.geometric_stiffnesses, self.elastic_hardenings
@@ -237,8 +232,9 @@ class Variants:
         """What storey laws ask of each spring, shape (n,) each."""
         numbers, of_floors = [], np.repeat(np.arange(len(self.scene.buildings)), np.diff(self.scene.offsets))
         storeys = (self.own_stiffnesses, self.hardenings, self.yield_drifts)
+        hardenings = np.concatenate([b.of_infill("hardening") for b in self.scene.buildings])[None]
         with np.errstate(divide="ignore", invalid="ignore"):  # of storeys without it
-            infill = self.infill_stiffnesses, self.infill_hardenings, self.infill_strengths / self.infill_stiffnesses
+            infill = self.infill_stiffnesses, hardenings, self.infill_strengths / self.infill_stiffnesses
         for i, _, element, is_infill in self.scene.springs:
             stiffness, drift = element.stiffness_share, element.strength_share / element.stiffness_share
             k, r, dy = (table[:, i] for table in (infill if is_infill else storeys))

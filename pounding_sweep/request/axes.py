@@ -161,20 +161,13 @@ def _need_yielding(scene: Scene, _laws: Sequence[Any], _records: Sequence[Record
         yield ("ductilities",), "no storey of this row yields; give its buildings yield_strengths, or leave it out"
 
 
-def _need_strengths(scene: Scene, names: Sequence[str], _records: Sequence[Record]) -> Iterator[Fault]:
-    """Tell buildings of an axis that have no yield strengths."""
+def _need_parameters(scene: Scene, names: Sequence[str], _records: Sequence[Record], lacking: str) -> Iterator[Fault]:
+    """Tell buildings of an axis of which neither they nor their storey laws have some parameters."""
     for building in scene.buildings:
-        if building.name in names and building.yield_strengths is None:
-            yield (building.name,), f"building {building.name!r} has no yield_strengths; give them, or leave it out"
-
-
-def _need_capacities(scene: Scene, names: Sequence[str], _records: Sequence[Record], lacking: str) -> Iterator[Fault]:
-    """Tell buildings of an axis whose storey laws have none of some parameters."""
-    for building in scene.buildings:
-        laws = *building.elements, *building.infill_elements
-        has_some = any(getattr(law, name, None) for law in laws for name in lacking.split(" or "))
+        owners = building, *building.elements, *building.infill_elements
+        has_some = any(getattr(owner, name, None) for owner in owners for name in lacking.split(" or "))
         if building.name in names and not has_some:
-            yield (building.name,), f"building {building.name!r} has no storey law with {lacking}; leave it out"
+            yield (building.name,), f"building {building.name!r} has no {lacking}; give them, or leave it out"
 
 
 def _need_ratios(scene: Scene, _laws: Sequence[Any], _records: Sequence[Record]) -> Iterator[Fault]:
@@ -257,10 +250,10 @@ _FUNCTIONS: dict[str, dict[str, Any]] = {
     "pgas": {"requires": _need_motion, "value": lambda value, record, **_: value / record.pga},
     "sas": {"requires": _need_motion, "value": _factor_to_spectrum},
     "damping_ratios": {"requires": _need_ratios},
-    "strength_factors": {"requires": _need_strengths},
-    "hardenings": {"requires": _need_strengths},
-    "ductility_capacity_factors": {"requires": partial(_need_capacities, lacking="cap_drift or ultimate_drift")},
-    "deterioration_factors": {"requires": partial(_need_capacities, lacking="deterioration")},
+    "strength_factors": {"requires": partial(_need_parameters, lacking="yield_strengths")},
+    "hardenings": {"requires": partial(_need_parameters, lacking="yield_strengths")},
+    "ductility_capacity_factors": {"requires": partial(_need_parameters, lacking="cap_drift or ultimate_drift")},
+    "deterioration_factors": {"requires": partial(_need_parameters, lacking="deterioration")},
     "ductilities": {"requires": _need_yielding},
     "pair_stiffness_factors": {"of_pair": operator.mul},
 }
@@ -351,19 +344,19 @@ def names_by(scene: Scene, by: str) -> Sequence[str]:
     return scene.pair_names if by == "pair" else [building.name for building in scene.buildings]
 
 
-def _as_tuples(value: Any) -> Any:
+def as_tuples(value: Any) -> Any:
     """Return lists of JSON, at any depth, as tuples."""
-    return tuple(map(_as_tuples, value)) if isinstance(value, list) else value
+    return tuple(map(as_tuples, value)) if isinstance(value, list) else value
 
 
 def axes_of(data: Mapping[str, Any]) -> AxisValues:
     """Return the axes of a sweep that JSON describes."""
-    return AxisValues(**{name: _as_tuples(data[name]) for name in AXES if name in data})
+    return AxisValues(**{name: as_tuples(data[name]) for name in AXES if name in data})
 
 
 def case_of(data: Mapping[str, Any]) -> Case:
     """Return a listed case that JSON describes."""
-    return Case(**{name: _as_tuples(value) for name, value in data.items()})
+    return Case(**{name: as_tuples(value) for name, value in data.items()})
 
 
 def plain_name(text: str, existing: Collection[str]) -> str:

@@ -15,7 +15,6 @@ import numpy as np
 from pydantic import (
     AfterValidator,
     Field,
-    GetPydanticSchema,
     PlainValidator,
     ValidationInfo,
     create_model,
@@ -23,7 +22,7 @@ from pydantic import (
 )
 
 from pounding_sweep.base.errors import InputError, SceneError, repr_short, unknown
-from pounding_sweep.model.faults import Number, Table, key, number, one_of
+from pounding_sweep.model.faults import Number, Table, key, number, one_of, schema
 from pounding_sweep.model.laws import Law
 from pounding_sweep.request.axes import AXES, NAMED_KINDS, AxisValues, Case, plain_name
 
@@ -161,9 +160,7 @@ class DesignTable(Table):
     kind: Annotated[Any, one_of("kind of design", KINDS)] = key(f"one of {', '.join(KINDS)}")
     samples: Annotated[int, AfterValidator(_balanced)] = Field(ge=1, description="a whole number of points, at least 1")
     seed: int = Field(0, ge=0, description="a whole number, at least 0")
-    inputs: Annotated[Table, GetPydanticSchema(lambda _, handler: handler(Inputs))] = key(
-        "tables [design.inputs] of distributions by the name of an axis"
-    )
+    inputs: Annotated[Table, schema(Inputs)] = key("tables [design.inputs] of distributions by the name of an axis")
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from pounding_sweep.model.meeting import Contacts
 from pounding_sweep.model.scene import Restrainer, Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.records import STANDARD_GRAVITY, Record
-from pounding_sweep.request.axes import BUILDING_DEFAULTS, NAMED_KINDS, Axis, AxisValues, Case, axes_of, case_of
+from pounding_sweep.request.axes import BUILDING_DEFAULTS, NAMED_KINDS, Axis, AxisValues, Case, as_tuples, case_of
 from pounding_sweep.request.design import Design, Distribution
 from pounding_sweep.schemes import SCHEMES
 
@@ -226,10 +226,8 @@ def laws_of(data: Mapping[str, Any]) -> dict[str, Law]:
 
 def spec_of(data: Mapping[str, Any], records: Iterable[Record]) -> SweepSpec:
     """Return the sweep that `to_json` wrote, over these records; one that a design drew has its cases alone."""
-    read: dict[str, Any] = {name: data[name] for name in SweepSpec.__dataclass_fields__ if name in data}
-    for name in ("laws", "outputs", "records_left_out"):
-        read[name] = tuple(read[name])
-    read |= vars(axes_of(data)) | {"scene": scene_of(data["scene"]), "records": tuple(records), "design": None}
+    read: dict[str, Any] = {name: as_tuples(data[name]) for name in SweepSpec.__dataclass_fields__ if name in data}
+    read |= {"scene": scene_of(data["scene"]), "records": tuple(records), "design": None}
     read |= {"cases": data["cases"] and tuple(map(case_of, data["cases"])), "user_laws": tuple(laws_of(data).values())}
     return SweepSpec(**read)
 

@@ -373,18 +373,6 @@ def _first_time(results: KernelResults) -> np.ndarray:
     return np.where(times < 0, np.nan, times)
 
 
-def _count(contact: Contact, lanes: Any, fresh: Any, *_: Any) -> None:
-    contact.count += where(fresh, 1.0, 0.0)
-
-
-def _deepest(contact: Contact, closed: Any, d: Any, *_: Any) -> None:
-    contact.dmax = maximum(contact.dmax, d)
-
-
-def _closed(contact: Contact, closed: Any, d: Any, h: Any) -> None:
-    contact.tclosed += where(closed, h, 0.0)
-
-
 def _closed_substep(group: Group) -> None:
     for contact in group.iter_contacts():
         contact.tclosed += where(~(contact.mode == 0.0), group.state["h"], 0.0)
@@ -503,8 +491,19 @@ REDUCERS: dict[str, Reducer] = {
             ),
         ),
         Reducer("force", (Slot("fmax", "contact"),), where="touch", looks="force"),
-        Reducer("count", (Slot("count", "contact"),), where="touch", touch=_count),
-        Reducer("penetration", (Slot("dmax", "contact"),), where="touch", looks="depth", plain=_deepest),
+        Reducer(
+            "count",
+            (Slot("count", "contact"),),
+            where="touch",
+            touch=lambda contact, lanes, fresh, *_: contact.put(None, count=contact.count + where(fresh, 1.0, 0.0)),
+        ),
+        Reducer(
+            "penetration",
+            (Slot("dmax", "contact"),),
+            where="touch",
+            looks="depth",
+            plain=lambda contact, closed, d, _: contact.put(None, dmax=maximum(contact.dmax, d)),
+        ),
         Reducer("impulse", (Slot("impulse", "contact"),), where="touch"),
         Reducer(
             "first_time",
@@ -518,7 +517,13 @@ REDUCERS: dict[str, Reducer] = {
             where="touch",
             touch=lambda contact, lanes, _, speed, time: contact.put(lanes, vmax=maximum(contact.vmax, speed)),
         ),
-        Reducer("time", (Slot("tclosed", "contact"),), where="touch", substep=_closed_substep, plain=_closed),
+        Reducer(
+            "time",
+            (Slot("tclosed", "contact"),),
+            where="touch",
+            substep=_closed_substep,
+            plain=lambda contact, closed, _, h: contact.put(None, tclosed=contact.tclosed + where(closed, h, 0.0)),
+        ),
         Reducer("energy", tuple(Slot(name, "building") for name in ("e_in", "e_damp", "e_kin", "e_strain", "e_held"))),
         Reducer("hysteretic", (Slot("travel", "spring"),), where="yields"),
         Reducer(

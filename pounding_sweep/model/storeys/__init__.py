@@ -9,9 +9,10 @@ from operator import or_
 from pkgutil import iter_modules
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Discriminator, GetPydanticSchema, Tag
+from pydantic import BeforeValidator, Discriminator, Tag
 
 from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.model.faults import schema
 from pounding_sweep.model.storeys.base import (
     FAILED,
     DriftGauge,
@@ -50,14 +51,10 @@ def _check_law(value: Any) -> Any:
     return value
 
 
-def _tag_of(value: Any) -> str:
-    return f"|{value['law'] if isinstance(value, Mapping) else value.law}"
-
-
 _MEMBERS: Any = reduce(or_, (Annotated[law.Parameters, Tag(f"|{name}")] for name, law in STOREY_LAWS.items()))
-_UNION = Annotated[_MEMBERS, Discriminator(_tag_of)]
+_TAGS = Discriminator(lambda value: f"|{value['law'] if isinstance(value, Mapping) else value.law}")
 #: Parameters of any law: a table with its name.
-Hysteresis = Annotated[Any, BeforeValidator(_check_law), GetPydanticSchema(lambda _, handler: handler(_UNION))]
+Hysteresis = Annotated[Any, BeforeValidator(_check_law), schema(Annotated[_MEMBERS, _TAGS])]
 
 __all__ = [
     "DEFAULT",

@@ -17,7 +17,7 @@ from pydantic import Discriminator, Tag
 
 from pounding_sweep.base.errors import SceneError
 from pounding_sweep.lanes import maximum, minimum, size, where
-from pounding_sweep.model.faults import Finite, GetPydanticSchema, Positive, checked, one_or_several
+from pounding_sweep.model.faults import Finite, Positive, checked, one_or_several, schema
 from pounding_sweep.model.storeys.base import FAILED, DriftGauge, Numbers, Shares, StoreyLaw, with_values
 
 #: Events: a drift turns, or a line ends to the positive or the negative side (1, -1).
@@ -52,13 +52,10 @@ class Directions:
     negative: OfStoreys
 
 
-def _union(handler: Any) -> Any:
-    tags = Discriminator(lambda value: "|both" if isinstance(value, (dict, Directions)) else "|one")
-    return handler(Annotated[Annotated[Directions, Tag("|both")] | Annotated[OfStoreys, Tag("|one")], tags])
-
-
+_TAGS = Discriminator(lambda value: "|both" if isinstance(value, (dict, Directions)) else "|one")
+_EITHER = Annotated[Annotated[Directions, Tag("|both")] | Annotated[OfStoreys, Tag("|one")], _TAGS]
 #: The same, or a table of both directions.
-OfDirections = Annotated[Any, GetPydanticSchema(lambda _, handler: _union(handler))]
+OfDirections = Annotated[Any, schema(_EITHER)]
 
 
 @checked
