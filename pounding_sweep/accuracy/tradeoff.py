@@ -581,15 +581,17 @@ def answer(trade: xr.Dataset) -> dict[str, Any]:
     cost = settings["cost"].values * np.where(expected, 1.0 - NOISE, 1.0)
     ok = trade["status_count"].sel(status=Status.OK.label).values
     fitting, least = (error <= wanted) & (ok == ok.max()), error == np.fmin.reduce(error)
-    rows = {row["setting"]: row for row in trade_rows(trade)}
 
     def cheapest(*choices: np.ndarray) -> dict[str, Any]:
         able = next((rows for rows in choices if rows.any()), np.ones(len(cost), bool))
         return numbers_of(settings["setting"].values[np.where(able, cost, math.inf).argmin()])
 
     def numbers_of(label: str) -> dict[str, Any]:
-        names = "setting", "scheme", "located", "precision", "accuracy", "step", "cost"
-        return {name: rows[label][name] for name in names} | {"error": finite(settings.error.sel(setting=label).item())}
+        one, names = (
+            settings.sel(setting=label),
+            ("setting", "scheme", "precision", "accuracy", "step", "cost", "error"),
+        )
+        return {name: finite(one[name].item()) for name in names} | {"located": bool(one["located"])}
 
     best = cheapest(accuracy <= wanted, fitting, least)
     solver = {name: best[key] for name, key in (("method", "scheme"), ("dt", "step"), ("locate", "located"))}

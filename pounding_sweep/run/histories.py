@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pounding_sweep.base.files import read_data
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.kernel.spec import history_slots
 from pounding_sweep.model.storeys import Sampled
@@ -16,33 +17,8 @@ from pounding_sweep.variables.registry import DIMS, scatter
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Histories in the order of the Dataset: what there is one of each for, unit, and what it is.
-HISTORIES = {
-    "displacement": ("floor", "m", "floor displacement relative to the ground"),
-    "velocity": ("floor", "m s-1", "floor velocity relative to the ground"),
-    "acceleration": ("floor", "m s-2", "total floor acceleration"),
-    "ground_acceleration": ("scenario", "m s-2", "ground acceleration"),
-    "input": ("building", "kN m", "input energy"),
-    "damping": ("building", "kN m", "energy dissipated by structural damping"),
-    "kinetic": ("building", "kN m", "kinetic energy"),
-    "strain": ("building", "kN m", "strain energy"),
-    "transfer": (
-        "building",
-        "kN m",
-        "transferred energy: input - kinetic - damping - strain - yielding - given to links since the start",
-    ),
-    "storey_drift": ("floor", "m", "interstorey displacement"),
-    "plastic_drift": ("floor", "m", "plastic part of the interstorey displacement"),
-    "storey_shear": ("floor", "kN", "storey shear, dampers not included"),
-    "hysteretic": ("building", "kN m", "energy lost in yielding"),
-    "link_force": ("link", "kN", "force of the link, positive where it draws the floors together"),
-    "given_to_links": ("building", "kN m", "energy given to links"),
-    "foundation_sway": ("base", "m", "displacement of the foundation relative to the ground"),
-    "foundation_rotation": ("base", "rad", "rotation of the foundation relative to the ground"),
-    "contact_force": ("contact", "kN", "contact force, pressing positive"),
-    "penetration": ("contact", "m", "penetration, zero while open"),
-    "work": ("pair", "kN m", "work of the contacts: what they took in"),
-}
+#: Histories in the order of the dataset: what there is one of each for, unit, and what it is.
+HISTORIES = {name: tuple(about.values()) for name, about in read_data("histories.toml").items()}
 
 
 def histories(kernel: RowKernel, states: np.ndarray, record: Record, time: np.ndarray) -> dict[str, xr.DataArray]:
