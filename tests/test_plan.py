@@ -30,7 +30,7 @@ from pounding_sweep.records import Record
 from pounding_sweep.request.axes import contact_stiffness
 from pounding_sweep.request.build import build_spec
 from pounding_sweep.request.spec import digest
-from pounding_sweep.run import estimate
+from pounding_sweep.run import execute
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.variables.registry import Status, get_variable, inner_shape, reducers_for, scatter_contact
@@ -477,13 +477,13 @@ def test_a_run_is_timed_by_some_scenarios_of_each_law(monkeypatch):
         clock[0] += 3.0 * plan.scenario_seconds(index, steps) * len(task.table)
         laws.append(task.kernel.law.key)
 
-    monkeypatch.setattr(estimate, "run_scenarios", run)
-    monkeypatch.setattr(estimate.time, "perf_counter", lambda: clock[0])
-    monkeypatch.setattr(estimate, "missing_kernels", lambda shapes: ([], []))
-    assert estimate.measured_seconds(plan) == pytest.approx(3.0 * plan.summary()["seconds"])
+    monkeypatch.setattr(execute, "run_scenarios", run)
+    monkeypatch.setattr(execute.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(execute, "missing_kernels", lambda shapes: ([], []))
+    assert execute.measured_seconds(plan) == pytest.approx(3.0 * plan.summary()["seconds"])
     assert {*laws} == {"linear", "kelvin_voigt", "none"}
-    monkeypatch.setattr(estimate, "missing_kernels", lambda shapes: (shapes, []))
-    assert estimate.measured_seconds(plan) is None
+    monkeypatch.setattr(execute, "missing_kernels", lambda shapes: (shapes, []))
+    assert execute.measured_seconds(plan) is None
 
 
 def test_a_plan_of_many_records_is_short(capsys):

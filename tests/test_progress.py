@@ -6,6 +6,7 @@ import io
 import re
 import sys
 import threading
+import time
 from itertools import count
 from types import SimpleNamespace
 
@@ -14,7 +15,7 @@ from rich.console import Console
 from scenes import make
 
 from pounding_sweep.cli.progress import BETWEEN_LINES, ProgressDisplay
-from pounding_sweep.run import notebook
+from pounding_sweep.run import execute
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 
@@ -118,7 +119,8 @@ def test_notebooks_show_a_bar_while_a_sweep_runs(monkeypatch):
     pytest.importorskip("IPython.display")
     shown = []
     monkeypatch.setattr("IPython.display.display", lambda html, **how: shown.append((html.data, how)))
-    monkeypatch.setattr(notebook, "time", SimpleNamespace(monotonic=count().__next__))
+    clocks = SimpleNamespace(monotonic=count().__next__, perf_counter=time.perf_counter)
+    monkeypatch.setattr(execute, "time", clocks)
     make().run(workers=1)
     assert not shown
     monkeypatch.setattr(ipython, "get_ipython", lambda: SimpleNamespace(kernel=None))

@@ -143,8 +143,7 @@ def _report(sweep: Sweep, out: Path) -> dict[str, Any]:
 def plan_command(options: SweepOptions, as_json: AsJson = False) -> None:
     """Show what a sweep would run and at what cost; a few scenarios are run for it where their kernels are ready."""
     from pounding_sweep.engine.compile import still_to_compile
-    from pounding_sweep.run.estimate import measured_seconds
-    from pounding_sweep.run.execute import check_scheduler
+    from pounding_sweep.run.execute import check_scheduler, measured_seconds
 
     workers = check_scheduler("threads", options.workers)
     sweep = options.load()

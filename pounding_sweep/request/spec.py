@@ -235,7 +235,11 @@ def spec_of(data: Mapping[str, Any], records: Iterable[Record]) -> SweepSpec:
 def to_json(spec: SweepSpec) -> str:
     """Write a sweep as canonical JSON: the same sweep gives the same text."""
     laws = {law.key: {**law.described, "sha256": law.sha256} for law in spec.user_laws}
-    data = {"format": 1, **json_data(spec), "user_laws": laws}
+    return canonical({"format": 1, **json_data(spec), "user_laws": laws})
+
+
+def canonical(data: Any) -> str:
+    """Write JSON: the same data give the same text."""
     return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -15,7 +14,7 @@ from pounding_sweep.model.building import Building
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.storeys import DriftGauge, Sampled, StoreyLaw
 from pounding_sweep.model.variants import Variants, variants_of
-from pounding_sweep.request.spec import json_data
+from pounding_sweep.request.spec import canonical, json_data
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -225,5 +224,5 @@ def cyclic_test(building: Building, drifts: Any, storey: int = 1) -> xr.Dataset:
         name: (dims, values.reshape(path.shape), {"units": units})
         for (name, units), values in zip(_UNITS.items(), (columns, *table), strict=True)
     }
-    row_text = json.dumps(json_data(scene), sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return xr.Dataset(variables, attrs={"building": building.name, "storey": storey, "scene": row_text})
+    attributes = {"building": building.name, "storey": storey, "scene": canonical(json_data(scene))}
+    return xr.Dataset(variables, attrs=attributes)

@@ -25,7 +25,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import InputError, RunError, unknown
 from pounding_sweep.engine.compile import missing_kernels, prepare
-from pounding_sweep.kernel.spec import KernelSpec
+from pounding_sweep.kernel.spec import LANES, KernelSpec
 from pounding_sweep.output.results import Outcome, Results, to_table
 from pounding_sweep.plan.plan import Plan, untouched
 from pounding_sweep.plan.scenarios import Chunk, ChunkTask
@@ -62,6 +62,33 @@ class Progress:
 
     def close(self) -> None:
         """End the display."""
+
+
+class NotebookProgress(Progress):
+    """Stage, done and total in the output of a notebook's cell, as a bar that the end of the run removes."""
+
+    _shown, _next = False, 0.0
+
+    def stage(self, name: str, total: int) -> None:
+        """Begin a stage of `total` steps; 0 stands for an unknown number."""
+        self._name, self._done, self._total = STAGES.get(name, name), 0, total
+        self.advance(0)
+
+    def advance(self, count: int) -> None:
+        """Count steps of the stage as done."""
+        self._done += count
+        if time.monotonic() >= self._next:
+            known = f'<progress max="{self._total}" value="{self._done}"></progress> {self._done:,} of {self._total:,}'
+            self._show(f"{self._name} {known if self._total else '<progress></progress>'}")
+
+    def close(self) -> None:
+        """Remove the bar."""
+        self._show("")
+
+    def _show(self, html: str) -> None:
+        notebook = sys.modules["IPython.display"]
+        notebook.display(notebook.HTML(html), display_id=str(id(self)), update=self._shown)
+        self._shown, self._next = True, time.monotonic() + 0.2  # five times a second
 
 
 def run_chunk(task: ChunkTask) -> np.ndarray | str:
@@ -268,3 +295,27 @@ def _run_stage(
             if plan.spec.accuracy is not None and not closing:
                 outcome.refined += int(is_refined(plan, chunk.rows, result).sum())
             yield answer("run", chunk, result)
+
+
+def measured_seconds(plan: Plan) -> float | None:
+    """Return the seconds that the scenarios of a plan take on one core, by some of each law; None without kernels.
+
+    Of a law's estimate by steps, so many times are taken as of that of two groups of its scenarios, which are timed.
+    """
+    if missing_kernels(plan.shapes())[0]:
+        return None
+    total, table, random = 0.0, plan.unique, np.random.default_rng(0)
+    rows = np.flatnonzero(~plan.refused)
+    for law in np.unique(table.law[rows]).tolist():
+        of_law = rows[table.law[rows] == law]
+        first = random.choice(of_law)
+        alike = of_law[(table.record[of_law] == table.record[first]) & (plan.steps[of_law] == plan.steps[first])]
+        group = random.choice(alike, 2 * LANES)
+        record, steps = int(table.record[first]), int(plan.steps[first])
+        task = plan.task(table[group], law, record, steps)
+        run_scenarios(task)
+        started = time.perf_counter()
+        run_scenarios(task)
+        seconds = (time.perf_counter() - started) / len(group)
+        total += float(plan.seconds_of(of_law).sum()) * seconds / plan.scenario_seconds(record, steps)
+    return total

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -22,7 +21,7 @@ from pounding_sweep.records import Record, resolve_record
 from pounding_sweep.request import axes
 from pounding_sweep.request.axes import AXES, COLUMNS, DIMENSIONS, Case, contact_stiffness, names_by, plain_name
 from pounding_sweep.request.build import build_spec
-from pounding_sweep.request.spec import DEFAULT_STEP, SweepSpec, case_variants, json_data
+from pounding_sweep.request.spec import DEFAULT_STEP, SweepSpec, canonical, case_variants, json_data
 from pounding_sweep.run.histories import histories, instants_in_contact, peak_share
 from pounding_sweep.run.refinement import STATES, ended, run_scenarios
 from pounding_sweep.schemes import SCHEMES
@@ -176,7 +175,7 @@ def simulate(
         "located": spec.locate,
         "rest": spec.rest,
         "unit_system": "kN, t, m, s",
-        "scene": json.dumps(json_data(row), sort_keys=True, separators=(",", ":"), allow_nan=False),
+        "scene": canonical(json_data(row)),
     }
     attributes |= {"accuracy": spec.accuracy} if spec.accuracy is not None else {}
     attributes |= {"accuracy_choice": plan.choice} if plan.choice else {}

@@ -251,7 +251,7 @@ class Sweep:
 
         ipython = sys.modules.get("IPython")
         if progress is None and ipython and hasattr(ipython.get_ipython(), "kernel"):  # of a notebook
-            from pounding_sweep.run.notebook import NotebookProgress
+            from pounding_sweep.run.execute import NotebookProgress
 
             progress = NotebookProgress()
         cube = self.make_cube(out, scheduler, workers, overwrite, progress, extend, check)
