@@ -29,7 +29,7 @@ typer.testing._get_command = once(typer.testing._get_command)
 
 #: Modules that take longest, in that order: they begin first, so that all cores have work until the end.
 LONGEST = (
-    *("test_distributed", "test_faults", "test_properties", "test_limits", "test_kernels"),
+    *("test_distributed", "test_properties", "test_limits", "test_kernels"),
     *("test_yielding", "test_kernel_forms", "test_tradeoff", "test_spectra"),  # at the end by name
 )
 #: Modules whose tests compile kernels of their own, each in a fraction of a second.

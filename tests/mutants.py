@@ -56,7 +56,7 @@ MUTANTS = (
     # the plastic drift of Bouc and Wen flows while it unloads as while it loads
     ("model/storeys/bouc_wen.py", "where(z * v < 0.0, -beta, beta)", "beta", "test_bouc_wen.py"),
     # dampers beside contacts that are stepped by series pull a little less
-    ("kernel/series.py", "contact.c_active * w)", "0.99 * contact.c_active * w)", "test_series.py"),
+    ("kernel/series.py", "contact.c_active * w)", "0.99 * contact.c_active * w)", "test_flight.py"),
     # the ground pushes a little less inside the steps of flight
     ("kernel/flight.py", "fma(-pushed, ground, total)", "fma(-0.99 * pushed, ground, total)", "test_flight.py"),
     # peaks in flight by rates of the wrong sign

@@ -1,4 +1,4 @@
-"""Exact flight: how modes move, what it leaves out of the record, scenarios on their way through the lanes."""
+"""Exact flight and series: how modes move, what is left out of the record, contacts at any step, lanes."""
 
 from __future__ import annotations
 
@@ -7,20 +7,31 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import reference
+from against_reference import motion, simulate
 from hypothesis import given
 from hypothesis import strategies as st
+from kernels_used import LINKED
+from kinds import DASHED
 from reference import ShearBuilding, modal_exact
 from scenes import EVERY, motions, pair
 from scipy.linalg import expm
+from test_columns import buildings_of
+from test_links import exact, matrices
 from test_properties import some_variants
 
 import pounding_sweep as ps
+from pounding_sweep.base.errors import SweepError
+from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.modal_steps import step
+from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.building import Building
-from pounding_sweep.model.laws import get_law
+from pounding_sweep.model.laws import LAWS, get_law
 from pounding_sweep.model.scene import Scene, Wall
-from pounding_sweep.variables.registry import reducers_for
+from pounding_sweep.model.variants import coupled_modes, variants_of
+from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.variables.registry import Status, reducers_for
 
 
 def kernel_of(scene, outputs=EVERY, law="kelvin_voigt", **numerics):
@@ -185,3 +196,218 @@ def test_variants_side_by_side_are_those_of_their_own(windows, outputs, monkeypa
         alone = kernel.run(record, **part, variants=variants[[i]])
         for name, values in alone.items():
             np.testing.assert_array_equal(values[0], found[name][i], err_msg=name)
+
+
+A, B = LINKED.buildings
+
+
+def state_matrix(scene):
+    m, c, k = matrices(scene)
+    n = len(m)
+    return np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(m, k), -np.linalg.solve(m, c)]])
+
+
+def energy_scales(scene):
+    m, _, k = matrices(scene)
+    return np.sqrt(np.concatenate([np.diag(k), np.diag(m)]))
+
+
+coefficient = st.one_of(st.just(0.0), st.floats(0.0, 5.0).map(lambda x: 10.0**x))
+
+
+def check_modes(scene, bound):
+    """They are those of the state matrix, and the ground moves no q at once."""
+    modes, a, scales, n = coupled_modes(variants_of(scene)), state_matrix(scene), energy_scales(scene), scene.n_dof
+    to, back = (np.block([[x[0, 0], x[0, 1]], [x[0, 2], x[0, 3]]]) for x in (modes.floors, modes.modal))
+    own = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(modes.w[0] ** 2), -np.diag(modes.c[0])]])
+    assert np.abs((to @ back - np.eye(2 * n)) * scales[:, None] / scales).max() < bound
+    scaled = a * scales[:, None] / scales
+    assert np.abs((to @ own @ back) * scales[:, None] / scales - scaled).max() < bound * np.abs(scaled).max()
+    pushed = back @ np.repeat([0.0, -1.0], n)
+    assert np.abs(pushed[:n] * modes.w[0]).max() < bound * max(1.0, np.abs(pushed[n:]).max())
+    np.testing.assert_allclose(pushed[n:], -modes.push[0], atol=bound * np.abs(modes.push).max())
+    assert (modes.c >= 0.0).all()
+
+
+@given(st.lists(coefficient, min_size=4, max_size=4), coefficient, coefficient, st.sampled_from([0.0, 0.05, 0.7]))
+def test_modes_are_those_of_the_state_matrix(dashpots, stiffness, damping, ratio):
+    links = [ps.Link("a-b", [(1, 2), 2], stiffness, damping)] if stiffness or damping else []
+    a, b = (
+        replace(x, dashpots=own, damping_ratio=ratio)
+        for x, own in zip((A, B), (dashpots[:2], dashpots[2:]), strict=True)
+    )
+    check_modes(ps.Scene([a, b], [1.0], links=links), 1e-6)
+
+
+@pytest.mark.parametrize("ratio", [0.999, 1.0 - 1e-9, 1.0, 1.0 + 1e-12, 1.0 + 1e-6, 1.5, 300.0])
+def test_critical_damping_is_no_special_case(ratio):
+    m, w = 100.0, 10.0
+    check_modes(ps.Scene([ps.Building("a", [m], [m * w * w], 0.0, dashpots=[2.0 * ratio * w * m])]), 1e-9)
+
+
+def coalescing(off=0.0):
+    """Two oscillators whose complex modes are one and the same, but for `off`: (s^2 + a s + b)^2 = 0."""
+    w1, w2, right = 10.0, 11.0, 3.0
+    left = right * w1 / w2
+    c = np.sqrt((w2 - w1) ** 2 - 0.25 * (left - right) ** 2)
+    one = ps.Building("a", [1.0], [w1 * w1], 0.0, dashpots=[left - c])
+    other = ps.Building("b", [1.0], [w2 * w2], 0.0, dashpots=[right - c])
+    return ps.Scene([one, other], [1.0], links=[ps.Link("a-b", [1], 0.0, c * (1.0 + off))])
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-14, 1e-12, 1e-9, 1e-6, 1e-3])
+def test_modes_that_coincide_are_those_of_a_damping_next_to_it(off):
+    scene = coalescing(off)
+    values = np.linalg.eigvals(state_matrix(scene))
+    if not off:
+        assert np.abs(values - values.mean().real).min() > 1.0
+        assert abs(np.subtract(*values[values.imag > 0.0])) < 1e-6
+    check_modes(scene, 1e-8)
+    assert coupled_modes(variants_of(scene)).error[0] < 1e-8
+    assert coupled_modes(variants_of(scene), "float32").error[0] < 3e-4
+
+
+def test_equal_buildings_have_equal_modes():
+    """Modes that coincide and are independent: three towers, as good as unlinked, and linked by dashpots alone."""
+    row = [replace(A, name=name, dashpots=None) for name in "abc"]
+    for stiffness, damping, bound in ((1e-9, 0.0, 1e-12), (0.0, 1e5, 1e-9)):
+        links = [ps.Link(name, [2], stiffness, damping) for name in ("a-b", "b-c")]
+        check_modes(ps.Scene(row, [0.1, 0.1], links=links), bound)
+
+
+def test_undamped_frequencies_are_those_of_classical_modes():
+    """Dashpots in the shares of stiffness leave modes apart."""
+    bare = replace(A, damping_ratio=0.0, dashpots=[1e-3 * k for k in A.stiffnesses])
+    modes = coupled_modes(variants_of(ps.Scene([bare])))
+    np.testing.assert_allclose(modes.w[0], bare.frequencies, rtol=1e-12)
+    np.testing.assert_allclose(modes.c[0], 1e-3 * bare.frequencies**2, rtol=1e-12)
+    np.testing.assert_allclose(np.abs(modes.floors[0, 0]), np.abs(bare.modes[1]), rtol=1e-9)
+    assert np.abs(modes.floors[0, 1]).max() < 1e-12
+
+
+def test_flight_without_pounding_is_the_exponential():
+    record, want = motion(101, 1.5), exact(*matrices(LINKED), motion(101, 1.5))
+    for dt in (1e-3, 2e-2):
+        got = simulate(replace(LINKED, gaps=[1.0]), "kelvin_voigt", 101, 1.5, method="exact", dt=dt)
+        every = round(record.dt / float(got.time[1]))
+        for name, part in (("displacement", want[:, :4]), ("velocity", want[:, 4:])):
+            mine = got[name].values[::every].reshape(len(want), -1)
+            assert np.abs(mine - part).max() < 1e-12 * np.abs(part).max()
+
+
+def test_modes_that_a_number_format_can_not_hold_are_refused():
+    heavy = replace(DASHED, row=[A, replace(B, dashpots=[0.0, 5.151e4])])
+    assert SCHEMES["exact"].refuses(heavy) is None
+    message = r"precision: method 'exact' flies in modes, and those of this row's dashpots and links lose .* in float32"
+    with pytest.raises(SweepError, match=message):
+        ps.Sweep(heavy, motion(51), "linear", method="exact", precision="float32")
+    plan = ps.Sweep(heavy, motion(51), "kelvin_voigt", accuracy=1e-3, method="exact").plan()
+    assert (plan.numerics.method, plan.numerics.precision) == ("exact", "float64")
+
+
+POLYNOMIAL = [
+    "linear",
+    "kelvin_voigt",
+    "kelvin_voigt_tension",
+    "linear_viscoelastic",
+    "modified_kelvin",
+    "modified_kelvin_voigt",
+]
+OUTPUTS = ["displacement_max", "drift_max", "acceleration_max", "impact_force_max", "impact_count"]
+OUTPUTS += ["penetration_max", "impulse", "contact_time", "energy_input", "energy_damping", "contact_work"]
+OUTPUTS += ["energy_transfer_max", "energy_transfer_min"]
+
+
+def found(scene, law, record, stiffness, restitution, outputs=OUTPUTS):
+    """What the kernels' own source, run as Python, finds at the record's own step."""
+    numerics = Numerics("exact", record.dt)
+    kernel = RowKernel(scene, LAWS[law], numerics, reducers_for(outputs))
+    assert kernel.shape.series > 0
+    n, gaps = len(stiffness), np.tile(scene.gaps, (len(stiffness), 1))
+    given = {"stiffness": np.array(stiffness), "restitution": np.array(restitution)}
+    assert n <= LANES
+    return kernel.run(record, scale=np.ones(n), gaps=gaps, **given, twin=True)
+
+
+def test_which_laws_have_series():
+    def order(law, precision):
+        numerics = Numerics("exact", 0.01, precision=precision)
+        return RowKernel(pair(), LAWS[law], numerics, reducers_for(OUTPUTS)).shape.series
+
+    assert {law for law in LAWS if order(law, "float64")} == set(POLYNOMIAL)
+    assert order("linear", "float32") < order("linear", "float64")
+
+
+@pytest.mark.parametrize(
+    "law", [law if law == "kelvin_voigt" else pytest.param(law, marks=pytest.mark.slow) for law in POLYNOMIAL]
+)
+def test_contacts_are_exact_at_the_step_of_the_record(law):
+    scene, record = pair(0.003), motions()[0]
+    record = ps.Record("short", record.dt, 2.0 * record.acceleration[:31])
+    k, e = 1.5e6, 0.5
+    ours = found(scene, law, record, [k], [e])
+    other = reference.run(
+        buildings_of(scene), scene.gaps, record.acceleration, record.dt, law, k, e, rtol=1e-12, atol=1e-14
+    )
+    assert other["impact_count"][0].sum() > 1
+    np.testing.assert_array_equal(ours["count"][0], other["impact_count"][0])
+    for name, want in (
+        ("fmax", other["impact_force_max"][0]),
+        ("dmax", other["penetration_max"][0]),
+        ("impulse", other["impulse"][0]),
+        ("tclosed", other["contact_time"][0]),
+        ("e_in", other["energy_input"]),
+        ("e_damp", other["energy_damping"]),
+        ("work", other["contact_work"][0]),
+        ("tmax", other["energy_transfer_max"]),
+        ("tmin", other["energy_transfer_min"]),
+    ):
+        atol = 1e-8 * np.abs(other["energy_input"]).max() if name == "work" else 1e-8 * np.abs(want).max()
+        np.testing.assert_allclose(ours[name][0], want, rtol=1e-7, atol=atol, err_msg=name)
+    for name, key in (("acc", "acceleration_max"), ("drift", "drift_max"), ("umax", "displacement_max")):
+        np.testing.assert_allclose(ours[name][0], np.concatenate(other[key]), rtol=1e-5, err_msg=name)
+
+
+def storey(period, mass):
+    return Building(f"T = {period} s", [mass], [mass * (2.0 * np.pi / period) ** 2], 0.05)
+
+
+@pytest.mark.parametrize(
+    ("right", "stiffness", "points"),
+    [(storey(0.3, 100.0), 1e9, 31), (storey(0.3, 0.01), 1e5, 31), (storey(0.02, 100.0), 1e6, 61)],
+    ids=["stiff contact", "mass ratio", "short period"],
+)
+def test_rows_that_are_right_at_any_step_are_ok(right, stiffness, points):
+    """Neither contacts much shorter than the step nor a period of four steps make series err."""
+    scene, record = Scene([storey(0.44, 100.0), right], [1e-3]), motions()[0]
+    ground, outputs = 2.0 * record.acceleration[:points], ["impact_force_max", "impact_count", "impulse"]
+    kernel = RowKernel(scene, LAWS["kelvin_voigt"], Numerics("exact", 5e-3), reducers_for(outputs))
+    given = {"gaps": np.array([scene.gaps]), "stiffness": np.array([stiffness]), "restitution": np.array([0.6])}
+    record = ps.Record("short", record.dt, ground)
+    ours = variables_of(kernel, kernel.run(record, scale=np.ones(1), twin=True, **given), outputs, record)
+    assert ours["status"].tolist() == [Status.OK]
+    other = reference.run(
+        buildings_of(scene), scene.gaps, ground, record.dt, "kelvin_voigt", stiffness, 0.6, rtol=1e-12, atol=1e-15
+    )
+    assert other["impact_count"][0].sum() > 1
+    for name in outputs:
+        np.testing.assert_allclose(ours[name].ravel(), other[name][0], rtol=1e-7, err_msg=name)
+
+
+@pytest.mark.slow
+def test_a_force_that_ends_and_returns_within_a_step():
+    """Two floors part so fast that the damper would pull, and are pressed together again before the step ends."""
+    scene = Scene(
+        [Building("a", [100.0], [4e4]), Building("b", [150.0], [6e4]), Building("c", [90.0], [3e4])], [1e-4] * 2
+    )
+    t = np.arange(60) * 0.02
+    record = ps.Record("hard", 0.02, 6.0 * np.sin(9.0 * t) + 4.0 * np.sin(23.0 * t))
+    ours = found(scene, "kelvin_voigt", record, [3e4, 2e5, 1e6], [0.2, 0.3, 0.5])
+    for i, (k, e) in enumerate(((3e4, 0.2), (2e5, 0.3), (1e6, 0.5))):
+        other = reference.run(
+            buildings_of(scene), scene.gaps, record.acceleration, 0.02, "kelvin_voigt", k, e, rtol=1e-12, atol=1e-14
+        )
+        want = {name: np.concatenate(other[name]) for name in ("impulse", "contact_time", "impact_count")}
+        np.testing.assert_array_equal(ours["count"][i], want["impact_count"])
+        np.testing.assert_allclose(ours["impulse"][i], want["impulse"], rtol=1e-7)
+        np.testing.assert_allclose(ours["tclosed"][i], want["contact_time"], rtol=1e-6)

@@ -1,8 +1,9 @@
-"""The planner: what it leaves out must not matter, what matters it must not leave out."""
+"""The planner: what it leaves out must not matter, what matters it must not; what cannot be modelled is said."""
 
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import itertools
 import math
 import re
@@ -16,21 +17,25 @@ from hypothesis import strategies as st
 from scenes import OUTPUTS, make, motions, row, yielding_pair
 
 import pounding_sweep as ps
+from pounding_sweep.base.errors import SceneError
+from pounding_sweep.base.files import read_data
 from pounding_sweep.cli.records import print_read, read_as
 from pounding_sweep.engine import compile
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
-from pounding_sweep.model.building import Building
-from pounding_sweep.model.laws import get_law
-from pounding_sweep.model.scene import ContactProperties, Scene, Wall
+from pounding_sweep.model.building import Building, Foundation
+from pounding_sweep.model.frames import typical_building
+from pounding_sweep.model.laws import Law, get_law
+from pounding_sweep.model.scene import Bumper, ContactProperties, Link, Scene, Wall
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.plan import plan as planning
 from pounding_sweep.plan.plan import make_plan, untouched
 from pounding_sweep.records import Record
 from pounding_sweep.request.axes import contact_stiffness
-from pounding_sweep.request.build import build_spec
+from pounding_sweep.request.build import Arguments, build_spec
 from pounding_sweep.request.spec import digest
 from pounding_sweep.run import execute
+from pounding_sweep.run.simulate import simulate
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.variables.registry import Status, get_variable, inner_shape, reducers_for, scatter_contact
@@ -498,3 +503,30 @@ def test_a_plan_of_many_records_is_short(capsys):
     assert line.startswith("44 records  r0 to r43: 100 to 143 points, dt 0.01 s, PGA 0.1")
     print_read([read_as(record) for record in records[:3]], [], [])
     assert capsys.readouterr().out.count(" points, dt 0.01 s") == 3
+
+
+def test_keys_of_what_cannot_be_modelled_are_not_keys_that_are_valid():
+    valid = {
+        name
+        for cls in (Building, Scene, Link, Bumper, Foundation, Law, Record)
+        for name in inspect.signature(cls).parameters
+    }
+    valid |= {*Arguments.model_fields, *inspect.signature(simulate).parameters}
+    patterns = [topic["keys"] for topic in read_data("unmodelled.toml").values()]
+    assert [name for name in sorted(valid) if any(re.match(pattern, name) for pattern in patterns)] == []
+    with pytest.raises(
+        SceneError, match=r"unknown key 'delay'.* cannot be modelled; take from the gap .*'What cannot be modelled'"
+    ):
+        Building("a", [1.0], [1.0], delay=0.1)
+
+
+def test_a_plan_names_two_periods_of_tall_buildings():
+    tall, low = Building("tall", [100.0] * 4, 1e5), Building("low", [100.0] * 3, 1e5)
+    walls = typical_building("walls", 5, 0.4, 100.0)  # no chain
+    rows = dict(Sweep(Scene([tall, low, walls], 0.01, ContactProperties(2e6)), "el_centro", "linear").plan().rows())
+    w = 2.0 * np.sqrt(1e5 / 100.0) * np.sin(np.array([1, 3]) * np.pi / 18)  # a uniform chain of four
+    first, second = 2.0 * np.pi / w
+    assert rows["model"].endswith(
+        f"compare its first two periods with the building's: tall {first:.3g} and {second:.3g} s"
+    )
+    assert "model" not in dict(Sweep(Scene([low]), "el_centro", "none").plan().rows())

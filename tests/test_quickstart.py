@@ -1,4 +1,4 @@
-"""The cube of the main job, a sample of its scenarios against the independent oracle."""
+"""The cubes of the main job, a sample of its scenarios against the independent oracle, and of the classic map."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import pytest
 import reference
 
 import pounding_sweep as ps
-from pounding_sweep.analysis import required_gap
+from pounding_sweep.analysis import amplification, required_gap
 from pounding_sweep.request.axes import contact_stiffness
 
 pytestmark = pytest.mark.slow
 
-SWEEP = Path(__file__).parents[1] / "sweeps" / "quickstart.toml"
+SWEEPS = Path(__file__).parents[1] / "sweeps"
 LAWS = ["linear", "kelvin_voigt", "modified_kelvin_voigt", "hertz", "hertz_damped", "nonlinear_viscoelastic"]
 
 
 @pytest.fixture(scope="module")
 def cube(tmp_path_factory):
     path = tmp_path_factory.mktemp("quickstart") / "quickstart.nc"
-    ps.load_sweep(SWEEP).run(path, workers=2)
+    ps.load_sweep(SWEEPS / "quickstart.toml").run(path, workers=2)
     with ps.open_cube(path) as found:
         yield found.load()
 
@@ -66,3 +66,14 @@ def test_a_sampled_scenario_equals_the_oracle(cube, law):
     # a floor that touches later does so after contacts whose own error moves it
     late = 1e-5 if law == "nonlinear_viscoelastic" else 1e-6
     np.testing.assert_allclose(got.first_impact_time.values, first, rtol=0, atol=late)
+
+
+def test_equal_periods_never_touch_and_unequal_ones_do():
+    cube = ps.load_sweep(SWEEPS / "period_ratio.toml").run(workers=2)
+    assert not cube.status.values.any()
+    touching = cube.impact_count.sel(law="kelvin_voigt").max("storey").squeeze() > 0
+    for factor in cube.period_factor_left.values:
+        here = touching.sel(period_factor_left=factor)
+        assert here.any() == (factor != 1.0)
+    closing = np.array([amplification(cube).touches.squeeze().sel(gap=g).sum() for g in cube.gap.values])
+    assert (np.diff(closing) <= 0).all()  # a wider gap is no likelier to be closed
