@@ -196,7 +196,7 @@ def _run_groups(group: Group, ground: Ground, values: dict[str, Any], groups: An
                 for i in count_to(n):
                     results.put(ended, state[name, i], name, i)
 
-        group.scheme.march(group, ground, note, leave)
+        march.FixedSteps(group, ground, note, leave).run()
 
 
 def _from(trace: Tracer | None, numbers: Any, at: Any) -> Any:

@@ -17,7 +17,6 @@ from pounding_sweep.engine.kernel import make_group, width
 from pounding_sweep.kernel import spec
 from pounding_sweep.kernel.flight import Layout
 from pounding_sweep.kernel.spec import LANES, KernelSpec, LawShape
-from pounding_sweep.model.building import Building
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.meeting import column_shares
 from pounding_sweep.model.scene import Scene
@@ -25,7 +24,7 @@ from pounding_sweep.model.variants import ELASTIC, Variants, coupled_modes, vari
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES, Scheme
 from pounding_sweep.schemes.stability import longest_substep
-from pounding_sweep.variables.registry import REDUCERS, output_slots
+from pounding_sweep.variables.registry import REDUCERS, output_slots, parts_of
 
 #: Largest product of an exact flight step and a modal frequency, of a building's first mode, its second and all
 #: others: peaks are those of a septic between the ends, which errs by (w h)**8 / `SEPTIC` of what a mode adds.
@@ -83,18 +82,8 @@ def kernel_shape(
     by_pair: bool = False,
 ) -> KernelSpec:
     """Return what the kernel of a scene under a law is compiled for; no contact code where none can touch."""
-    touching, yields, buildings = law.has_contact and bool(scene.contacts), scene.yields, scene.buildings
-    exists = {
-        "": True,
-        "touch": touching,
-        "neighbours": bool(scene.contacts),
-        "yields": any(yields),
-        "shears": any(yields) or any("k" in building.letters for building in buildings),
-        "falls": any(scene.falls),
-        "fails": any(spring.law.can_fail for spring in scene.springs),
-        "linked": bool(scene.links),
-        "founded": bool(scene.foundations),
-    }
+    touching, buildings = law.has_contact and bool(scene.contacts), scene.buildings
+    exists = parts_of(scene) | {"touch": touching}
     wanted = frozenset(name for name in reducers if exists[REDUCERS[name].where])
     if any(scene.falls):
         wanted |= {"collapse"}
@@ -417,11 +406,6 @@ def _of_moving(name: str) -> Callable[[Variants], np.ndarray]:
     return lambda row: np.concatenate([getattr(row, name), getattr(row, f"base_{name}")], axis=1)
 
 
-def _of_storeys(read: Callable[[Building], float]) -> Callable[[Variants], np.ndarray]:
-    """Return what reads a property that all storeys of a building share, of each floor."""
-    return lambda row: np.array([[float(read(b)) for b in row.scene.buildings for _ in b.masses]])
-
-
 #: Building properties by the name of their slots: what reads them, shape (n or 1, slots).
 PROPERTIES: dict[str, Callable[[Variants], np.ndarray]] = {
     "m": _of_moving("masses"),
@@ -433,7 +417,9 @@ PROPERTIES: dict[str, Callable[[Variants], np.ndarray]] = {
     "geometric": lambda row: row.geometric_stiffnesses,
     "flexibility": lambda row: row.flexibilities,
     "drift_limit": lambda row: np.minimum(row.drift_limits, ELASTIC)[None, :],
-    "tangent": _of_storeys(lambda b: b.damping_stiffness == "tangent"),
+    "tangent": lambda row: np.array(
+        [[float(b.damping_stiffness == "tangent") for b in row.scene.buildings for _ in b.masses]]
+    ),
     # shares of each contact's push that the floors below and above it take
     "lower": lambda row: np.array([[column_shares(contact.xi)[0] for contact in row.scene.contacts]]),
     "upper": lambda row: np.array([[column_shares(contact.xi)[1] for contact in row.scene.contacts]]),

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any
+from functools import reduce
 
 import numpy as np
 
 from pounding_sweep.kernel import forces, hysteresis, impulse, links, march, peaks, series, transfers
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.types import Lanes, Note, Truths
+from pounding_sweep.kernel.types import Lanes
 from pounding_sweep.model.scene import Scene
 
 #: By what an error is taken for larger than it is by the order of a scheme.
@@ -36,6 +36,7 @@ class Scheme(ABC):
     #: steps that the fastest part of the shortest contact needs, located or not
     min_steps_located: float
     min_steps_sampled = 16.0
+    phase: tuple[tuple[int, float], ...]  # power and divisor of each term of `phase_error`
     step_cost: float  # cost of one scenario and step (ns per degree of freedom), for estimates and chunk sizes only
     #: steps per 0.01 s (of exact flight: its `refinement`) at which errors are measured for ``accuracy``, and the last
     #: of them that is of use in single precision; none: they are not measured, and ``accuracy`` never takes the scheme
@@ -59,9 +60,9 @@ class Scheme(ABC):
     def stability_limit(self, w2: np.ndarray, rate: np.ndarray, beta: float, gamma: float) -> np.ndarray:
         """Largest stable step (s) where squared frequencies reach `w2` (1/s2) and dampers `rate` (1/s)."""
 
-    @abstractmethod
     def phase_error(self, x: np.ndarray, beta: float, gamma: float) -> np.ndarray:
         """Relative error of a free vibration's phase and size at steps of `x` rad."""
+        return reduce(np.hypot, [x**power / divisor for power, divisor in self.phase])
 
     def declare_rows(self, group: Group) -> None:
         """Declare the rows of state that steps need; a subclass adds its own."""
@@ -79,7 +80,3 @@ class Scheme(ABC):
     @abstractmethod
     def plain(self, group: Group, h: Lanes) -> Callable[[], None]:
         """Take a step of all lanes whose contacts follow from the present state alone; returns what adds energies."""
-
-    def march(self, group: Group, ground: Any, note: Note, leave: Callable[[Truths], None]) -> None:
-        """Take a lane group over the record; `note` is told of each row of a history, `leave` of lanes at their end."""
-        march.FixedSteps(group, ground, note, leave).run()

@@ -62,6 +62,7 @@ class Exact(Explicit):
     undamped_radius, damped_radius = 0.85, 1.25  # from a damping ratio of 1e-3 on; sub-steps of the stages keep to them
     nodes = tuple((sum(row), 6.0 * weight) for row, weight in zip(STAGES, STAGES[-1], strict=False))
     order = 4  # of contacts, whose forces begin with a root
+    phase = ((5, 5760.0), (6, 5040.0))
     min_steps_located = 1.5
     flies_exactly = True
     follows_flow = True  # by series or stages alone: its plastic drifts flow all along
@@ -73,10 +74,6 @@ class Exact(Explicit):
     def leeway(self) -> float:
         """By the least fall of contacts' errors, whose forces begin with a root."""
         return (LEAST_FALL - 1.0) / SAFETY
-
-    def phase_error(self, x: np.ndarray, beta: float, gamma: float) -> np.ndarray:
-        """Of Butcher's stages."""
-        return np.hypot(x**5 / 5760.0, x**6 / 5040.0)
 
     def stability_limit(self, w2: np.ndarray, rate: np.ndarray, beta: float, gamma: float) -> np.ndarray:
         """By the radii of `Rk4`: sub-steps of the stages are as short as theirs ask anyhow, series have none."""

@@ -234,6 +234,7 @@ class Rk4(Explicit):
     title = "classical fourth-order Runge-Kutta"
     source = "Hairer, Nørsett & Wanner 1993"
     order = 4
+    phase = ((4, 120.0), (5, 144.0))
     follows_flow = True
     min_steps_located = 1.5
     min_ground_steps = 1.0
@@ -243,10 +244,6 @@ class Rk4(Explicit):
     undamped_radius = 2.0 * math.sqrt(2.0)
     damped_radius = 2.615
     nodes = ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))
-
-    def phase_error(self, x: np.ndarray, beta: float, gamma: float) -> np.ndarray:
-        """Of the classical method."""
-        return np.hypot(x**4 / 120.0, x**5 / 144.0)
 
     def after(self, stage: int, u: Lanes, v: Lanes, x: Lanes, a: Sequence[Lanes], h: Lanes) -> tuple[Lanes, Lanes]:
         """State that each stage leads to."""
@@ -278,16 +275,13 @@ class CentralDifference(Explicit):
     title = "explicit central differences (velocity Verlet), dampers by a predicted velocity"
     source = "Newmark 1959 (beta = 0); Swope et al. 1982"
     order = 2
+    phase = ((2, 24.0),)
     min_ground_steps = 8.0
     min_steps_located = 1.5
     step_cost = 1.6
     undamped_radius = 2.0
     damped_radius = math.sqrt(3.0)
     nodes = ((0.0, 3.0), (1.0, 3.0))
-
-    def phase_error(self, x: np.ndarray, beta: float, gamma: float) -> np.ndarray:
-        """Of free vibration, whose size is kept."""
-        return x * x / 24.0
 
     def after(self, stage: int, u: Lanes, v: Lanes, x: Lanes, a: Sequence[Lanes], h: Lanes) -> tuple[Lanes, Lanes]:
         """State that each stage leads to."""

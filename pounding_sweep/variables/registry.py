@@ -110,6 +110,21 @@ class KernelResults:
         return np.where(lasted < 1e30, lasted, np.nan)
 
 
+def parts_of(scene: Scene) -> dict[str, bool]:
+    """Say what a row has that some outputs and reducers are of."""
+    return {
+        "": True,
+        "columns": any(contact.struck >= 0 for contact in scene.contacts),  # that are struck
+        "neighbours": bool(scene.contacts),  # floors that are equally high
+        "yields": any(scene.yields),
+        "shears": any(scene.yields) or any("k" in building.letters for building in scene.buildings),
+        "falls": any(scene.falls),
+        "fails": any(spring.law.can_fail for spring in scene.springs),
+        "links": bool(scene.links),
+        "foundations": bool(scene.foundations),
+    }
+
+
 @dataclass(eq=False)
 class Variable:
     """One output of a sweep, an entry of ``data/outputs.toml``."""
@@ -131,9 +146,7 @@ class Variable:
     of_force: bool = False  # missing where floors touched under a law without a force (velocities jump)
     of_yielding: bool = False  # it says nothing of a row whose storeys are all elastic
     unbounded: bool = False  # comparisons take it for beyond every level where the building falls
-    #: it exists where a row has "columns" that are struck, "links", "foundations", storeys that may fall, "falls", or
-    #: springs that may lose their strength, "fails"
-    only: str = ""
+    only: str = ""  # it exists where a row has these, out of `parts_of`
     dtype: str = "f8"  # stored type, "f8", "i4" or "i1"
     default: bool = False  # it is reported where no ``outputs`` are given
     always: bool = False  # it is in every cube, asked for or not
@@ -152,10 +165,7 @@ class Variable:
 
     def exists_in(self, scene: Scene) -> bool:
         """Whether a scene has what it describes: pairs of neighbours, columns that are struck, links, foundations."""
-        struck = any(contact.struck >= 0 for contact in scene.contacts)
-        has = {"": True, "columns": struck, "links": bool(scene.links), "foundations": bool(scene.foundations)}
-        has |= {"falls": any(scene.falls), "fails": any(spring.law.can_fail for spring in scene.springs)}
-        return has[self.only] and ("pair" not in self.dims or bool(scene.pair_names))
+        return parts_of(scene)[self.only] and ("pair" not in self.dims or bool(scene.pair_names))
 
     def read(self, results: KernelResults) -> np.ndarray:
         """Return its values, shape (scenarios, dimensions)."""
@@ -195,11 +205,7 @@ class Reducer:
 
     name: str  # by which outputs need it
     slots: tuple[Slot, ...]  # what it leaves for outputs
-    #: "": it exists in all kernels; else where storeys yield, "yields", may fall, "falls", springs may lose their
-    #: strength, "fails", neighbours are linked, "linked", buildings stand on foundations, "founded",
-    #: floors of neighbours are equally high, "neighbours", or can
-    #: touch, "touch"
-    where: str = ""
+    where: str = ""  # it exists where a row has these, out of `parts_of`, or where floors can "touch"
     looks: str = ""  # out of `pounding_sweep.kernel.group.LOOKS`
     #: gives the motions whose extremes it keeps, turning points inside steps included; in one straight line of code
     #: where that is asked for and the row is short
@@ -457,7 +463,7 @@ REDUCERS: dict[str, Reducer] = {
         Reducer(
             "link_force",
             (Slot("link_force", "link"),),
-            where="linked",
+            where="links",
             follows=lambda group, _: (
                 Motion(
                     ("link_force", link.index),
@@ -474,7 +480,7 @@ REDUCERS: dict[str, Reducer] = {
         Reducer(
             "foundation",
             (Slot("sway", "base"), Slot("rotation", "base")),
-            where="founded",
+            where="foundations",
             follows=lambda group, _: (
                 Motion((name, q), None, True, partial(_softness, Storey(group, i, ())), partial(group.floor, i=i))
                 for q, b in enumerate(group.spec.foundations)
@@ -527,7 +533,7 @@ REDUCERS: dict[str, Reducer] = {
         Reducer("energy", tuple(Slot(name, "building") for name in ("e_in", "e_damp", "e_kin", "e_strain", "e_held"))),
         Reducer("hysteretic", (Slot("travel", "spring"),), where="yields"),
         Reducer(
-            "links", (Slot("e_link", "building"), Slot("link_lost", "link"), Slot("link_held", "link")), where="linked"
+            "links", (Slot("e_link", "building"), Slot("link_lost", "link"), Slot("link_held", "link")), where="links"
         ),
         Reducer("work", (Slot("work", "contact"),), where="touch"),
         Reducer("transfer", (Slot("tmax", "building"), Slot("tmin", "building")), where="touch", looks="ends"),
