@@ -228,8 +228,7 @@ STEPS, RANDOM_STEPS = (1.0e-2, 2.0e-3, 2.0e-4), (5.0e-3, 1.0e-3, 2.0e-4)
 #: Name of the family of a sweep's own row, factors on its first building's masses and on contact stiffness, and seconds
 #: of its record before and after the peak.
 SWEEP, MASS_FACTORS, STIFFER, PEAK_SECONDS = "your row", (0.01, 1.0, 100.0), (0.01, 1.0, 100.0), 2.5
-#: Families that are run under one law of each force exponent, because their kernels are slow to compile; and those of
-#: laws whose force is linear in the penetration.
+#: Families that are run under one law of each force exponent, and those of laws whose force is linear.
 OF_MANY_SHAPES, LINEAR = ("row", "walls", "together", "smooth"), ("columns",)
 
 

@@ -23,8 +23,8 @@ from pounding_sweep.variables.registry import REDUCERS
 
 #: Largest difference between restitutions that agree: kernels and closed forms are exact to far less.
 REBOUND_TOLERANCE = 1e-6
-#: Differences to the restitution that is asked for: up to the first a law realises it, beyond the second a law of a
-#: user's own is at fault. Published numbers are known to miss it by more.
+#: Differences to the restitution that is asked for: up to the first a law realises it, beyond the second one of a
+#: user's own is at fault.
 NEAR, FAR = 0.05, 0.25
 #: Largest difference between kernel and twin, in parts of the largest value of an output: they round differently.
 TWIN_TOLERANCE = 1e-7

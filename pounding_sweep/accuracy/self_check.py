@@ -14,8 +14,7 @@ from pounding_sweep.run.sweep import Sweep
 
 #: Step (s) of the check: RK4 with located contacts, as sweeps have it where nothing is said.
 STEP = 1e-3
-#: Largest difference to a converged value, relative to the largest value of the same output in the scenario. At this
-#: step the scheme's own error is some 1e-5 at most; a wrong kernel is off by far more.
+#: Largest difference to a converged value, relative to the largest of the output; the scheme's own error is some 1e-5.
 TOLERANCE = 1e-4
 
 

@@ -207,8 +207,7 @@ class RowKernel:
     initial_velocity: tuple[float, ...] | None = None
     #: damped law in whose kernel this undamped one runs, with c = 0; or any in whose no pounding does, at `FAR_GAP`
     host: Law | None = None
-    #: whether damping follows from the restitution by the law's published formula, or so that two free masses rebound
-    #: at exactly it; one of {"published", "realised"}
+    #: what damping follows from: the law's formula ("published"), or the rebound of two free masses ("realised")
     basis: str = "published"
     varied: bool = False  # building properties differ from scenario to scenario
     #: exact flight leaves out windows of the record: worth it where several scenarios share a row of buildings

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -19,7 +18,7 @@ from pounding_sweep.kernel.spec import TOLERANCES, Code, KernelSpec, LawShape, i
 from pounding_sweep.kernel.types import ByFloor, End, Index, Instant, Lanes, Truths
 from pounding_sweep.lanes import Cell, Lookup, Rows, count_to, fma, maximum, roughly_power, sqrt, where
 from pounding_sweep.model.formula import read, value
-from pounding_sweep.model.laws import RESTING_SPEED
+from pounding_sweep.model.laws import RESTING_SPEED, duration_of
 from pounding_sweep.model.storeys import Elastic, law_of
 
 #: Rows of the ground's acceleration at both ends of a sub-step, and of the step that events cut into these.
@@ -56,9 +55,7 @@ class LaneLaw:
         )
         #: Least root of a graded sub-step, in durations of the contact: its error is that of rounding.
         self.least_share = exact ** (1.0 / (order + 1))
-        degree = 1.0 / (shape.exponent + 1.0)
-        factor = 2.0 * math.sqrt(math.pi) * math.gamma(1.0 + degree) / math.gamma(0.5 + degree)
-        self._duration = factor * (0.5 * (shape.exponent + 1.0)) ** degree, degree
+        self._duration = duration_of(shape.exponent)
 
     def _evaluate(self, text: str, d: Lanes, **variables: Lanes) -> Lanes:
         formula = read(text)

@@ -36,8 +36,7 @@ from pounding_sweep.model import formula as formulas
 from pounding_sweep.model.faults import Flag, Number, Positive, checked_call, derived, one_of, set_fields
 from pounding_sweep.model.rebound import RELATIONS, YIELD_SHARE, check_basis
 
-#: Slowest approach velocity (m/s) that a law divides by. A slower touch (resting contact, zero gap) is damped as if it
-#: came at this speed, so that it stays finite. Where velocities jump, floors that would rebound slower come to rest.
+#: Slowest approach velocity (m/s) that a law divides by; floors whose velocities jump and would be slower come to rest.
 RESTING_SPEED = 1.0e-3
 #: Damping number of a law of a user's own that none was published for: the one of the realised restitution.
 SOLVED = "solved"
@@ -202,6 +201,13 @@ class Law:
             return np.ones(np.shape(e))
         number = damping_number(self, e, basis) * (0.4 / YIELD_SHARE if self.yields else 1.0)
         return np.maximum(1.0, 2.0 * number) if self.damping == "viscous" else np.sqrt(1.0 + number)
+
+
+def duration_of(exponent: float) -> tuple[float, float]:
+    """Factor and power of (m / k) by which an elastic contact lasts, at an approach of 1 m/s."""
+    power = 1.0 / (exponent + 1.0)
+    factor = 2.0 * math.sqrt(math.pi) * math.gamma(1.0 + power) / math.gamma(0.5 + power)
+    return factor * (0.5 * (exponent + 1.0)) ** power, power
 
 
 #: Penetrations (m), the first two to tell the power with which a force begins, and restitutions that are tried.

@@ -129,8 +129,7 @@ def contacts_of(
 
 def column_shares(xi: float) -> tuple[float, float]:
     """Shares 1 - 3 xi^2 + 2 xi^3 and 3 xi^2 - 2 xi^3 of the floors below and above of a push on a column at xi."""
-    # the column is fixed at both ends against rotation; the same shares give the displacement of the struck point by
-    # those of the floors
+    # it is fixed at both ends against rotation; the same shares give the displacement of the struck point
     upper = xi * xi * (3.0 - 2.0 * xi)
     return 1.0 - upper, upper
 

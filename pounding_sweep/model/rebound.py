@@ -40,8 +40,7 @@ from pounding_sweep.base.errors import LawError, unknown
 
 #: What a coefficient of restitution means: the damping formula of the literature, or the rebound of two free masses.
 RESTITUTION_BASES = ("published", "realised")
-#: Smallest restitution that damping is solved for, where e = 0 would need infinite damping. The damping number
-#: of the hardest relation is 2e12 there: no step resolves a harder contact.
+#: Smallest restitution that damping is solved for, where e = 0 would need infinite damping.
 SMALLEST = 1e-6
 
 #: Share of its greatest penetration at which a contact that yields does so.

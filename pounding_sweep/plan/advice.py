@@ -22,7 +22,7 @@ from pounding_sweep.base.errors import SweepError
 from pounding_sweep.engine.postprocess import MAX_PHASE_ERROR, loses_ground, phase_error
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel, flight_refinement, kernel_shape
 from pounding_sweep.model.building import Building
-from pounding_sweep.model.laws import LAWS, RESTING_SPEED, Law
+from pounding_sweep.model.laws import LAWS, RESTING_SPEED, Law, duration_of
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.plan.scenarios import Scenarios, stable_steps
@@ -40,9 +40,7 @@ _MOST_DAMPED = 0.999
 
 def elastic_duration(exponent: float, stiffness: np.ndarray | float, mass: np.ndarray, speed: np.ndarray) -> np.ndarray:
     """How long two free masses stay in contact without damping (s)."""
-    share = 1.0 / (exponent + 1.0)
-    factor = 2.0 * math.sqrt(math.pi) * math.gamma(1.0 + share) / math.gamma(0.5 + share)
-    factor *= (0.5 * (exponent + 1.0)) ** share
+    factor, share = duration_of(exponent)
     slow = np.maximum(speed, RESTING_SPEED) ** ((1.0 - exponent) * share)
     return factor * (np.asarray(mass) / np.asarray(stiffness)) ** share * slow
 

@@ -58,9 +58,7 @@ class SweepSpec(AxisValues):
     scene: Scene  # the row (kN, t, m, s)
     records: tuple[Record, ...]  # ground motions (m/s2), names all different
     laws: tuple[str, ...]  # keys of contact laws; with `cases`, those that the cases use
-    #: listed scenarios instead of the product. Then there are no axes, and in every case the record's name, the
-    #: stiffness or factor of a law with contact, and the restitution of a law that takes one are filled in; factors
-    #: of 1 are left out
+    #: listed scenarios instead of the product, in which all that they need is filled in; factors of 1 are left out
     cases: tuple[Case, ...] | None
     method: str | None  # time-stepping scheme; None: chosen by the plan
     dt: float | None  # time step (s); None: chosen by the plan
@@ -74,8 +72,7 @@ class SweepSpec(AxisValues):
     title: str = ""
     #: number format of the kernels, "float64" or "float32"; None: chosen by the plan
     precision: str | None = "float64"
-    #: whether damping follows from the restitution by the law's published formula, or so that two free masses
-    #: rebound at exactly it; one of {"published", "realised"}
+    #: what damping follows from: the law's formula ("published"), or the rebound of two free masses ("realised")
     restitution_basis: str = "published"
     accuracy: float | None = None  # relative error asked for; the engine then chooses scheme and step
     audit: float = AUDIT_SHARE  # share of the cost at a fixed step spent on comparing a sample; 0: none

@@ -31,8 +31,8 @@ POLL_SECONDS, GLANCE_SECONDS = 1.0, 0.01
 ALONE_SECONDS = 10.0
 #: Times that all workers of a chunk may die before it runs alone, and again until it is given up.
 LOSSES = 2
-#: Settings of the cluster that is started here: a process that ended has time to start again even on a busy machine,
-#: and a chunk beside which its worker died twice runs alone.
+#: Settings of the cluster that is started here: workers may take long to start again, and a chunk beside which its
+#: worker died twice runs alone.
 SETTINGS = {"distributed.deploy.lost-worker-timeout": 600.0, "distributed.scheduler.allowed-failures": 1}
 #: One scenario runs in one thread, and a worker has as many as its cluster gave it: no library starts more.
 ONE_THREAD = dict.fromkeys(THREAD_LIMITS, "1")

@@ -41,8 +41,7 @@ DIMS = {
 }
 #: Classes of outputs whose errors were measured together (the largest among them): a choice of steps reads them.
 ERROR_CLASSES = ("motions", "contacts", "energies")
-#: The class of an output whose errors were not measured yet: it has no say in the choice of steps, and is compared
-#: with a run at half the step like any other.
+#: The class of an output whose errors were not measured yet: it has no say in the choice of steps.
 UNMEASURED = "unmeasured"
 #: Time (s) before which the onset of floors without a gap is the start itself: they part by more than rounding first.
 ONSET_ROUNDING = 1e-4
@@ -200,8 +199,7 @@ class Slot:
 class Reducer:
     """What the compiled loop keeps for outputs, in kernels of those that ask for it only."""
 
-    # its functions write rows of the group's state, lane by lane. What presses, moves or heats a row (forces, works,
-    # energies, accelerations) is found by the kernel's own parts, where a kernel `asked` for it
+    # its functions write rows of the group's state; forces, works, energies and accelerations are found by kernels
 
     name: str  # by which outputs need it
     slots: tuple[Slot, ...]  # what it leaves for outputs
@@ -617,8 +615,8 @@ def mask_invalid(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return result
 
 
-#: Relative change of gaps, contact stiffness and ground motion that no engineer can tell: where it changes an output
-#: by more than a tolerance, the scenario is sensitive at that tolerance. Its error is counted all the same.
+#: Relative change of gaps, contact stiffness and ground motion that no engineer can tell: a scenario is sensitive
+#: where it changes an output by more than a tolerance.
 CHANGE = 1.0e-6
 
 
