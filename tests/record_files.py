@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 VALUES = [0.0, 0.125, -0.25, 0.0625, 0.5, -0.0078125, 0.03125]
 NGA = "PEER NGA STRONG MOTION DATABASE RECORD\nEvent, 1/1/2000, Station, 90\nACCELERATION TIME SERIES IN UNITS OF G\n"
 OLD = (
@@ -107,79 +109,12 @@ def csmip(values=VALUES, peak=None):
     return CSMIP.format(n=len(values), peak=peak) + rows + "/& ---- End of data for channel  1 ----\n"
 
 
-USC = (
-    "CORRECTED ACCELEROGRAM  IIBA338  87.420.0 COMP S58W   FILE   0  CORRESPONDING T\n"
-    "FILE     0 OF UNCORRECTED ACCELEROGRAM DATA OF VOLUME I:                  VOL1\n"
-    "NO. OF POINTS =   2275      DURATION =  11.435 SEC                      50VOL1\nUNITS ARE SEC AND G/10\n"
-    "     7  INSTRUMENT AND BASELINE CORRECTED DATA\nAT EQUALLY-SPACED INTERVALS OF    .010  SEC.\n"
-    "PEAK ACCELERATION =      .50000  CMS/SEC/SEC AT     .040   SEC.\n"
-    + in_rows([0] * 100, "{:5d}", 16)
-    + "     7 POINTS OF ACC DATA EQUALLY SPACED AT   .010 SEC.\n"
-    + in_rows(VALUES)
-    + f"     7 POINTS OF VEL DATA EQUALLY SPACED AT   .010 SEC.\n{in_rows(VALUES)}"
-)
-_TIMES = [f"2001-01-01T00:00:00.{i:02d}0000" for i in range(7)]
-_SERIES = f"TIMESERIES XX_A__HNE_D, 7 samples, 100 sps, {_TIMES[0]}, {{}}, FLOAT, CM/S**2\n"
-_GEOCSV = (
-    "# dataset: GeoCSV 2.0\n# delimiter: {0}\n# SID: XX_A__HNE\n# sample_count: 7\n# sample_rate_hz: 100.0\n"
-    "# field_unit: UTC{0}CM/S**2\n# field_type: datetime{0}FLOAT\nTime{0}Sample\n"
-)
-NIED = (
-    "#K-NET CSV\n#Event\n#OriginTime,Latitude\n#2019/01/02 17:47:00,36.708\n#Station\n#Code,Latitude\n#FKS005,37.6\n"
-    "#Record\n#SamplingFrequency(Hz)\n#100\n#DurationTime(s)\n#1\n#Offset\n#N-S(gal),E-W(gal),U-D(gal)\n"
-    "#-18.60,-1.40,26.10\n#Time,RelativeTime(s),N-S(gal),E-W(gal),U-D(gal)\n"
-) + "".join(
-    f"2019/01/02 17:47:27.{i:02d},{i / 100:.2f},{v - 18.6:.7f},{2 * v - 1.4:.7f},{3 * v + 26.1:.7f}\n"
-    for i, v in enumerate(VALUES)
-)
 COMPONENTS = "".join(f"{v:14.7f}{2 * v:14.7f}{3 * v:14.7f}\n" for v in VALUES)
 #: Files of networks, all of the acceleration VALUES in cm/s2 (or mm/s2) at 0.01 s; in the first column of several.
-NETWORKS = {
-    "esm.ASC": "EVENT_NAME: X\nSTATION_CODE: EXA\nSTREAM: HNE\nSAMPLING_INTERVAL_S: 0.010\nNDATA: 7\nUNITS: cm/s^2\n"
-    "PGA_CM/S^2: 0.50\nDATA_TYPE: ACCELERATION\n" + in_rows(VALUES, "{:.7f}", 1),
-    "afad.txt": "STRONG GROUND MOTION RECORDS OF TURKIYE\nPLACE : EXAMPLE\nNUMBER OF DATA : 7\n"
-    "SAMPLING INTERVAL (sec) : 0.01\nDATA TYPE : ACCELERATION\nUNITS : gal\n         N-S           E-W           U-D\n"
-    + COMPONENTS,
-    "cwa.dat": "#StationCode: EXA\n#SampleRate(Hz): 100\n#AmplitudeUnit:  gal. DCoffset(corr)\n"
-    "#AmplitudeMAX. U:    1.196~   -1.0\n#DataSequence: Time U(+); N(+); E(+)\n#Data: 4F10.3\n"
-    + "".join(f"{i * 0.01:10.3f}{line}\n" for i, line in enumerate(COMPONENTS.splitlines())),
-    "cosmos.V2": cosmos(),
-    "csmip.V2": "CORRECTED ACCELEROGRAM\n 7 points of accel data equally spaced at  .010 sec, in cm/sec2. (8f10.6)\n"
-    + in_rows(VALUES, "{:10.7f}")
-    + f" 7 points of veloc data equally spaced at  .010 sec, in cm/sec. (8f10.6)\n{in_rows(VALUES)}",
-    "geonet.V2A": geonet(),
-    "short.V2A": geonet(header=False),
-    "usgs.smc": smc(),
-    "csmip.V1": csmip(),
-    "csmnc.dat": "062E07130420080201\n0130420080246 2013-04-20 8:2:46 BTM\nSTATION: 51BXD 30.400N 102.800E\nCOMP. EW\n"
-    "UNCORRECTED ACCELERATION          UNIT: CM/SEC/SEC\n"
-    "NO. OF POINTS:  7  EQUALLY SPACED INTERVALS OF:  0.01  SEC\n"
-    "PEAK VALUE:    0.500   AT   0.04 SEC    DURATION:  60 SEC\nPRE-EVENT TIME:  20  SEC\nCSMNC\n\n"
-    + in_rows(VALUES, " {:.6E}"),
-    "unam.191": "*****\nARCHIVO ESTANDAR DE ACELERACION:\nVERSION DEL FORMATO                    : 2.0\n"
-    "VEL. DE MUESTREO, C1-C6 (muestras/s)   : /100/100/100\nVEL. DE MUESTREO, C7-C12 (muestras/s)  : \n"
-    "INTERVALO DE MUESTREO, C1-C6 (s)       : /0.01/0.01/0.01\n"
-    "NUM. TOTAL DE MUESTRAS, C1-C6          : /6/6/6\nNUM. TOTAL DE MUESTRAS, C7-C12         : \n"
-    "ACEL. MAX.(Gal), C1-C6                 : /0.5000/1.0000/1.5000\n"
-    "ACEL. MAX., C1-C6, EN LA MUESTRA       : /10692/16112/16295\nACEL. MAX.(Gal), C7-C12                : \n"
-    "UNIDADES DE LOS DATOS                  : Gal (cm/s/s)\nDATOS DE ACELERACION:\n---------+---------+\n"
-    "   CANAL-1   CANAL-2   CANAL-3\n         T      N00E         V\n---------+---------+\n" + COMPONENTS,
-    "usc.s0a": USC,
-    "nsmn.txt": "STRONG GROUND MOTION RECORDS OF TURKIYE\nPLACE : EXAMPLE\nNUMBER OF DATA          : 7\n"
-    "SAMPLING INTERVAL (sec) : 0.01\nRAW PGA VALUES (gal)    : (N-S) 0.5000 (E-W) 1.0000 (U-D) 1.5000\n"
-    "       N-S          E-W          U-D\n" + COMPONENTS,
-    "nied.csv": NIED,
-    "jma.csv": "SITE CODE= 41204\x90k,37.5,137.2,16,7.6,,,\n LAT.=   37.3906,,,,,,,\n SAMPLING RATE= 100Hz,,,,,,,\n"
-    " UNIT  = gal(cm/s/s),,,,,,,\nINITIAL TIME = 2024 01 01 16 10 10,,,,,,,\n NS,EW,UD,,,,,\n"
-    + "".join(f"{v:.7f},{2 * v:.7f},{3 * v:.7f},,,,,\n" for v in VALUES),
-    "slist.txt": _SERIES.format("SLIST") + in_rows(VALUES, "{:+.6e}\t", 6),
-    "tspair.txt": _SERIES.format("TSPAIR") + "".join(f"{t}  {v}\n" for t, v in zip(_TIMES, VALUES, strict=True)),
-    **{
-        f"geocsv{i}.csv": _GEOCSV.format(sign)
-        + "".join(f"{t}Z{sign}{v}\n" for t, v in zip(_TIMES, VALUES, strict=True))
-        for i, sign in enumerate((", ", "|", " "))
-    },
-}
+NETWORKS = {path.name: path.read_bytes().decode("latin-1") for path in Path(__file__).parent.glob("golden/records/*")}
+USC, NIED = NETWORKS["usc.s0a"], NETWORKS["nied.csv"]
+NETWORKS |= {"cosmos.V2": cosmos(), "geonet.V2A": geonet(), "short.V2A": geonet(header=False)}
+NETWORKS |= {"usgs.smc": smc(), "csmip.V1": csmip()}
 #: Components that are VALUES, of files with several.
 COLUMNS = {
     "afad.txt": "N-S",
