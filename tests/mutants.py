@@ -38,7 +38,7 @@ MUTANTS = (
     # scenarios beyond the stability limit are run
     ("plan/plan.py", "/ choice.steps > limit", "/ choice.steps > 2.0 * limit", "test_plan.py"),
     # a damaged chunk is read
-    ("resume.py", "if checksum != written:", "if False:", "test_store.py"),
+    ("resume.py", "if checksum != written:", "if False:", "test_limits.py"),
     # shears are of the neighbour's stiffness
     (
         "variables/registry.py",

@@ -7,9 +7,8 @@ import itertools
 import numpy as np
 import pytest
 import xarray as xr
-from analysis_cubes import LAWS, PGA, hand_cube, random_fill, sweep_attribute
 from scenes import AXES as SWEPT
-from scenes import motions, row
+from scenes import LAWS, PGA, hand_cube, motions, random_fill, row, sweep_attribute
 
 import pounding_sweep.analysis as analysis
 import pounding_sweep.figures as figures

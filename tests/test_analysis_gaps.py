@@ -8,8 +8,7 @@ import re
 import numpy as np
 import pytest
 import xarray as xr
-from analysis_cubes import hand_cube, low_and_high, random_fill, sweep_attribute
-from scenes import AXES, motions, row
+from scenes import AXES, hand_cube, low_and_high, motions, random_fill, row, sweep_attribute
 from scipy.integrate import quad
 from scipy.signal import StateSpace, lsim
 from scipy.stats import norm

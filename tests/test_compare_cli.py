@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from analysis_cubes import hand_cube, low_and_high, random_fill, sweep_attribute
-from scenes import call
+from scenes import call, hand_cube, low_and_high, random_fill, sweep_attribute
 
 from pounding_sweep import Record
 from pounding_sweep.analysis.comparisons import COMPARISONS, table_rows

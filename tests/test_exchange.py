@@ -16,8 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import xarray as xr
-from analysis_cubes import hand_cube, low_and_high, sweep_attribute
-from scenes import call
+from scenes import call, hand_cube, low_and_high, sweep_attribute
 from scipy import stats
 
 from pounding_sweep.analysis import export_nrml, export_pelicun, fragility

@@ -12,10 +12,9 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
-from analysis_cubes import hand_cube, random_fill
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import call
+from scenes import call, hand_cube, random_fill
 
 from pounding_sweep.base.errors import InputError, OutputError, WriteError
 from pounding_sweep.cli.app import axis_values

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from against_reference import check_reference
-from opensees_material import check_against_opensees, random_drifts
+from against_reference import check_against_opensees, check_reference, random_drifts
 from scenes import yielding_pair
 
 import pounding_sweep as ps

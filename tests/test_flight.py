@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import reference
-from against_reference import motion, simulate
+from against_reference import buildings_of, motion, simulate
 from hypothesis import given
 from hypothesis import strategies as st
 from kernels_used import LINKED
@@ -16,8 +16,7 @@ from kinds import DASHED
 from reference import ShearBuilding, modal_exact
 from scenes import EVERY, motions, pair
 from scipy.linalg import expm
-from test_columns import buildings_of
-from test_links import exact, matrices
+from test_foundations import exact, matrices
 from test_properties import some_variants
 
 import pounding_sweep as ps

@@ -7,8 +7,7 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
-from analysis_cubes import hand_cube, low_and_high, random_fill, sweep_attribute
-from scenes import call
+from scenes import call, hand_cube, low_and_high, random_fill, sweep_attribute
 
 from pounding_sweep import Building, Scene, Wall
 from pounding_sweep.output.describe import about, describe

@@ -7,8 +7,7 @@ from itertools import pairwise
 import imk
 import numpy as np
 import pytest
-from against_reference import motion
-from opensees_material import check_against_opensees, opensees_shears, random_drifts
+from against_reference import check_against_opensees, motion, opensees_shears, random_drifts
 from scipy.integrate import solve_ivp
 
 import pounding_sweep as ps

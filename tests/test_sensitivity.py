@@ -8,8 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 import xarray as xr
-from analysis_cubes import hand_cube, random_fill
-from scenes import call
+from scenes import call, hand_cube, random_fill
 
 from pounding_sweep import Sweep, pulse_record
 from pounding_sweep.analysis import sensitivity
