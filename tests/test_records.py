@@ -302,6 +302,7 @@ def test_resolve_records(folder, tmp_path_factory, monkeypatch):
             resolve_records([item], base=base)
 
 
+FOLDERS = [part for part in os.environ.get(RECORDS_VARIABLE, "").split(os.pathsep) if part]
 FACTS = {
     "ELC_NS_CHOPRA.csv": (0.02, 1560, 0.31882),
     "ARL090.AT2": (0.02, 2000, 0.34510),
@@ -312,15 +313,14 @@ FACTS = {
 
 @pytest.mark.parametrize("file", FACTS)
 def test_published_files(file):
-    folders = [part for part in os.environ.get(RECORDS_VARIABLE, "").split(os.pathsep) if part]
-    paths = [path for folder in folders if os.path.exists(path := os.path.join(folder, file))]
+    paths = [path for folder in FOLDERS if os.path.exists(path := os.path.join(folder, file))]
     if not paths:
         pytest.skip(f"{file} is in no folder of {RECORDS_VARIABLE}")
     record = read_record(paths[0])
     dt, points, pga = FACTS[file]
     assert (record.dt, record.n_points) == (dt, points)
     assert round(record.pga / 9.81, 5) == pga
-    assert find_record(file) == record
+    assert find_record(file, FOLDERS) == record
     if file.startswith("ELC"):
         assert record == find_record("el_centro")
 
