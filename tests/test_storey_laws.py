@@ -106,6 +106,14 @@ def test_kernels_have_the_rows_and_constants_of_a_law_for_its_springs_alone(name
     assert variants_of(scene).spring_numbers[0].yield_drift == pytest.approx(90.0 / 8e4)
 
 
+def test_a_constant_is_not_named_as_a_property_of_kernels(monkeypatch):
+    """Else one would be the other."""
+    shape = kernel_shape(row("flag"), LAWS["none"], Numerics("rk4", 1e-3), reducers_for(["drift_max"]))
+    monkeypatch.setattr(type(STOREY_LAWS["flag"]), "constants", ("hardening", "alpha"))
+    with pytest.raises(AssertionError, match="'alpha'} of a storey law have names of the kernel's own"):
+        property_slots(shape)
+
+
 @each_law
 def test_exact_flies_where_the_first_branch_has_the_stiffness_of_the_storey(name):
     shape = kernel_shape(row(name), LAWS["linear"], Numerics("exact", 1e-3), reducers_for(["drift_max"]))

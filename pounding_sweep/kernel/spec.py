@@ -437,7 +437,6 @@ def property_slots(shape: KernelSpec) -> Slots:
     floors, moving, contacts = shape.n_dof, shape.n_moving, len(shape.contacts)
     count = dict.fromkeys(("m", "im", "k", "u0", "v0"), moving)
     count |= dict.fromkeys(("alpha", "beta"), shape.n_buildings) | {"reduced": contacts}
-    count |= dict.fromkeys(shape.of_springs("constants"), len(shape.hysteretic))
     count |= {"tangent": floors} if shape.yielding and shape.tangent else {}
     count |= {"geometric": floors} if shape.p_delta else {}
     count |= {"drift_limit": floors} if shape.limited else {}
@@ -462,7 +461,10 @@ def property_slots(shape: KernelSpec) -> Slots:
     count |= dict.fromkeys(("height", "elevation"), floors) if shape.foundations else {}
     # where flight, which is one of all laws, finds it
     count |= {"longest": 1} if shape.flies_exactly and shape.law is not None else {}
-    return Slots(count)
+    own = dict.fromkeys(shape.of_springs("constants"), len(shape.hysteretic))
+    clash = own.keys() & count.keys()
+    assert not clash, f"constants {clash} of a storey law have names of the kernel's own; name them otherwise"
+    return Slots(count | own)
 
 
 def history_slots(shape: KernelSpec) -> Slots:
