@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.base.files import FilePath, expanded
+from pounding_sweep.base.files import FilePath, expanded, read_data
 from pounding_sweep.base.text import print_pairs
 from pounding_sweep.records.reader import floats
 
@@ -19,11 +19,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 #: Units of drifts in m, and of shears in kN.
-_KIP = 4.4482216152605
-_UNITS: dict[str, dict[str, float]] = {
-    "drift": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "inch": 0.0254, "ft": 0.3048},
-    "shear": {"kn": 1.0, "n": 1e-3, "mn": 1e3, "kip": _KIP, "kips": _KIP, "lbf": 1e-3 * _KIP},
-}
+_UNITS: dict[str, dict[str, float]] = read_data("records.toml")["pushover"]
 #: A unit at the end of a heading, or alone.
 _STATED = re.compile(r"(?:^|[(\[,_/])\s*([A-Za-z]+)\s*[)\]]?$")
 #: Share of the yield strength at which stiffness is measured, and to which the falling branch is drawn.

@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-_TABLES = read_data("figures.toml")
+#: What is said of figures, and how some parts of them look.
+TABLES = read_data("figures.toml")
 #: What figures are drawn from: name -> where such a file comes from.
-SOURCES: dict[str, str] = _TABLES["sources"]
+SOURCES: dict[str, str] = TABLES["sources"]
 #: A law with contact, and the one without, as needs.
 CONTACT, NO_CONTACT = "a law with contact", "the law 'none'"
 #: Axes that maps may be drawn along besides those of numbers.
@@ -67,7 +68,7 @@ class Kind:
         for need in self.needs:
             plural, names = need.startswith("several "), need.removeprefix("several ").split("|")
             if (several if plural else present).isdisjoint(names):
-                words = " or ".join(_TABLES["plurals"].get(axis, f"{axis}s") if plural else axis for axis in names)
+                words = " or ".join(TABLES["plurals"].get(axis, f"{axis}s") if plural else axis for axis in names)
                 missing.append(f"several {words}" if plural else words)
         return tuple(missing)
 
@@ -115,7 +116,7 @@ def figure_of(key: str, source: str, needs: str) -> Callable[[Callable[..., Figu
         text = cleandoc(draw.__doc__ or "")
         about = {
             first: f"xarray.Dataset\n    From {SOURCES[source]}.",
-            **{name: _TABLES["options"][name] for name in options},
+            **{name: TABLES["options"][name] for name in options},
         }
         parameters = "\n".join(f"{name} : {words}" for name, words in about.items())
         drawn.__doc__ = (

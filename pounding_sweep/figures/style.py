@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from io import BytesIO
 from itertools import chain
+from pathlib import Path
 from textwrap import fill
 from typing import Any
 
@@ -28,23 +29,8 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 DASHED = cycler(color=COLOURS, linestyle=("-", "--", "-.", ":") * 2)
 MARKED = cycler(color=COLOURS * 2, marker=MARKERS * 2, linestyle=("-",) * 8 + ("--",) * 8)
 
-_SETTINGS: dict[str, Any] = {
-    "font.size": 9,
-    "axes.titlesize": 9,
-    "figure.titlesize": 9,
-    "axes.grid": True,
-    "grid.color": "0.9",
-    "grid.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "lines.linewidth": 1.4,
-    "lines.markersize": 4,
-    "legend.frameon": False,
-}
-
-
 #: A context, and decorator, that draws in the package's style whatever the user's matplotlib settings.
-in_style = partial(context, _SETTINGS, after_reset=True)
+in_style = partial(context, Path(__file__).parents[1] / "data" / "figures.mplstyle", after_reset=True)
 
 
 class NotebookFigure(Figure):

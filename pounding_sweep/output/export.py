@@ -7,7 +7,6 @@ import json
 import math
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
@@ -25,7 +24,7 @@ from pounding_sweep.output.identity import plain
 from pounding_sweep.output.netcdf import BLOCK_BYTES, block_shape, check_output, slabs, unreadable, with_texts
 from pounding_sweep.output.scenario_rows import cube_columns, places_of, scenario_keys
 from pounding_sweep.output.select import select
-from pounding_sweep.records.record import RecordMeasures
+from pounding_sweep.records.record import MEASURES
 from pounding_sweep.request.axes import plain_name
 from pounding_sweep.request.spec import scene_of
 from pounding_sweep.variables.registry import INNER_DIMS, ORIGINS, OUTPUT_NAMES, STATUS, VARIABLES, Status
@@ -51,8 +50,6 @@ _WORDS["unsettled_output"] = np.array(OUTPUT_NAMES)
 NOT_OK = "not-ok"
 #: Dimension of histories.
 TIME = "time"
-#: Powers of the record's scale that measures of a ground motion grow with, by name.
-_GROWS = {"pga": 1, "pgv": 1, "arias_intensity": 2, "significant_duration": 0, "duration": 0}
 
 
 def scenarios_of(cube: xr.Dataset, names: Iterable[str] = ()) -> xr.Dataset:
@@ -242,16 +239,16 @@ def has_histories(cube: xr.Dataset, names: Iterable[str] = ()) -> bool:
 def _measures(cube: xr.Dataset) -> dict[str, xr.Variable]:
     """Return measures of the records as scaled."""
     records = {str(record["name"]): record for record in json.loads(cube.attrs.get("records", "[]"))}
-    about = {item.name: item.metadata for item in fields(RecordMeasures)}
     measures = {}
-    for name, power in _GROWS.items():
-        if "record" in cube.coords and records and all(name in record for record in records.values()):
+    for name, (units, text, *powers) in MEASURES.items():
+        has_all = powers and records and all(name in record for record in records.values())
+        if has_all and "record" in cube.coords:
             record = cube["record"].variable
             values = [float(records[str(key)][name]) for key in np.ravel(record.values)]
             measure = record.copy(data=np.reshape(values, record.shape))
             if "scale" in cube.coords:
-                measure = measure * abs(cube["scale"].variable) ** power
-            measure.attrs = {**about[name], "long_name": f"{about[name]['long_name']}, of the record as scaled"}
+                measure = measure * abs(cube["scale"].variable) ** powers[0]
+            measure.attrs = {"units": units, "long_name": f"{text}, of the record as scaled"}
             measures[f"ground_{name}"] = measure
     return measures
 

@@ -6,7 +6,7 @@ import hashlib
 import math
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from pounding_sweep.base import STANDARD_GRAVITY
 from pounding_sweep.base.errors import RecordError, repr_short
+from pounding_sweep.base.files import read_data
 from pounding_sweep.base.text import label_fault, printable
 
 if TYPE_CHECKING:
@@ -178,35 +179,25 @@ class Record:
         return replace(self, name=name)
 
 
+#: Units and long names of intensity measures, and with which power of its scale some grow.
+MEASURES: dict[str, list[Any]] = read_data("records.toml")["measures"]
+
+
 @dataclass(frozen=True)
 class RecordMeasures:
-    """How strong and how long a ground motion is; ``dataclasses.fields`` gives units and long names.
+    """How strong and how long a ground motion is, in m and s; `MEASURES` has units and long names.
 
-    Attributes
-    ----------
-    pga
-        Peak ground acceleration (m/s2).
-    pgv
-        Peak ground velocity (m/s): largest absolute integral of the acceleration from rest, no baseline corrected.
-    arias_intensity
-        Arias intensity (m/s): pi / (2 g) times the integral of the squared acceleration.
-    cav
-        Cumulative absolute velocity (m/s): integral of the absolute acceleration.
-    significant_duration
-        Time (s) between 5 % and 95 % of the Arias intensity; 0 for a motion of zeros.
-    duration
-        Time from the first point to the last (s).
-    end_velocity
-        Velocity (m/s) of the ground at the last point: of a complete earthquake 0, else drift, or motion that was cut.
+    The velocity is the integral of the acceleration from rest, no baseline corrected. That at the last point is 0 of a
+    complete earthquake, else drift, or motion that was cut.
     """
 
-    pga: float = field(metadata={"units": "m s-2", "long_name": "peak ground acceleration"})
-    pgv: float = field(metadata={"units": "m s-1", "long_name": "peak ground velocity, no baseline correction"})
-    arias_intensity: float = field(metadata={"units": "m s-1", "long_name": "Arias intensity"})
-    cav: float = field(metadata={"units": "m s-1", "long_name": "cumulative absolute velocity"})
-    significant_duration: float = field(metadata={"units": "s", "long_name": "significant duration, 5 to 95 %"})
-    duration: float = field(metadata={"units": "s", "long_name": "time from first to last point"})
-    end_velocity: float = field(metadata={"units": "m s-1", "long_name": "ground velocity at the last point"})
+    pga: float
+    pgv: float
+    arias_intensity: float
+    cav: float
+    significant_duration: float
+    duration: float
+    end_velocity: float
 
 
 def record_measures(record: Record) -> RecordMeasures:
@@ -302,7 +293,10 @@ def records_dataset(records: Sequence[Record]) -> xr.Dataset:
     table = {
         "time_step": ([r.dt for r in records], {"units": "s", "long_name": "time between points"}),
         "source": ([r.source for r in records], {"long_name": "where the record comes from"}),
-        **{of.name: ([getattr(m, of.name) for m in measures], dict(of.metadata)) for of in fields(RecordMeasures)},
+        **{
+            name: ([getattr(measure, name) for measure in measures], {"units": units, "long_name": text})
+            for name, (units, text, *_) in MEASURES.items()
+        },
     }
     points, about = ("record", "point"), {"units": "m s-2", "long_name": "ground acceleration, linear between points"}
     variables = {name: ("record", *column) for name, column in table.items()}

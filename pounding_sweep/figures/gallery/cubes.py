@@ -25,7 +25,7 @@ from pounding_sweep.analysis.comparisons.responses import RESPONSES as AMPLIFIED
 from pounding_sweep.analysis.comparisons.responses import directions, needed_for, on_levels, responses_of
 from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES, fractiles_over, long_name, pounding_only
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures import CONTACT, FIRST_STOREY, LABELS, NO_CONTACT, SALTELLI, TWO_AXES, figure_of
+from pounding_sweep.figures import CONTACT, FIRST_STOREY, LABELS, NO_CONTACT, SALTELLI, TABLES, TWO_AXES, figure_of
 from pounding_sweep.figures.select import (
     RESPONSES,
     NothingToDrawError,
@@ -364,16 +364,6 @@ def _choose_colours(values: np.ndarray, name: str, ratio: bool) -> tuple[dict[st
     return {"cmap": "viridis", "vmin": min(low, 0.0), "vmax": max(high, 0.0) or 1.0}, levels, {}
 
 
-#: Look of a status, and what it is called in the legend.
-_MARKS: dict[Status, tuple[str, str, str]] = {
-    Status.BEYOND_STABILITY_LIMIT: ("x", "0.35", "refused: beyond the stability limit"),
-    Status.UNDER_RESOLVED_CONTACT: (".", "black", "under-resolved contact"),
-    Status.UNDER_RESOLVED_MOTION: ("_", "black", "under-resolved motion"),
-    Status.NEWTON_NOT_CONVERGED: ("^", "black", "implicit contact not solved"),
-    Status.DIVERGED: ("D", COLOURS[2], "diverged"),
-}
-
-
 @figure_of("stability-map", "map", "peak_force_error, status, scheme, stiffness, dt")
 def stability_map(cube: xr.Dataset) -> Figure:
     """Draw error and status over contact stiffness and time step, from 'extremes --map'.
@@ -388,8 +378,8 @@ def stability_map(cube: xr.Dataset) -> Figure:
     for ax, scheme in zip(axes.flat, schemes, strict=False):
         part = cube.sel(scheme=scheme).transpose("stiffness", "dt", ...)
         mesh = ax.pcolormesh(*edges, part.peak_force_error.clip(1e-8, 1.0), norm=LogNorm(1e-8, 1.0), cmap="viridis_r")
-        for status, (marker, colour, label) in _MARKS.items():
-            i, j = np.nonzero(part.status.values == int(status))
+        for status, (marker, colour, label) in TABLES["marks"].items():
+            i, j = np.nonzero(part.status.values == int(Status[status]))
             if len(i):
                 ax.scatter(cube.dt[j], cube.stiffness[i], 14, colour, marker=marker, linewidths=0.8, label=label)
         ax.set(xscale="log", yscale="log", title=scheme)
@@ -402,17 +392,6 @@ def stability_map(cube: xr.Dataset) -> Figure:
     return finish(axes, "time step (s)", label, str(cube.attrs.get("title", "")), legend=0)
 
 
-#: Rows: the variables drawn in it, what they are called, and where their values are: at "floors" (displacements are
-#: zero at the base as well), or in the "storeys" below them.
-_ROWS: tuple[tuple[tuple[str, ...], str, str], ...] = (
-    (("displacement_max", "displacement_min"), "displacement", "floors and base"),
-    (("drift_max",), "interstorey drift", "storeys"),
-    (("drift_ratio_max",), "interstorey drift ratio", "storeys"),
-    (("storey_shear_max",), "storey shear", "storeys"),
-    (("acceleration_max",), "total acceleration", "floors"),
-)
-
-
 @figure_of("profiles", "cube", f"law, floor_elevation, {_RESPONSES}, {FIRST_STOREY}")
 def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
     """Draw peak displacement, drift, storey shear and acceleration over the height, law by law.
@@ -421,13 +400,13 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
     lines are the median, beside each or, of more than eight, their band. Of other axes the middle value is shown; the
     caption names it.
     """
-    row_of = {name: row for row in _ROWS for name in row[0] if name in cube.data_vars}
+    row_of = {name: row for row in TABLES["rows"] for name in row[0] if name in cube.data_vars}
     check_value(value, row_of)
     chosen, selection = select_default(with_dims(cube, "law"), ("law", *several_records(cube)), row_of)
     laws, others = _first_laws(chosen, contact=True)
     chosen = chosen[[*row_of]].sel(law=[law for law in chosen["law"].values if law in (*laws, "none")])
     cube, selection = over_records(chosen, selection, row_of)
-    responses = [row for row in _ROWS if row in row_of.values() and value in (None, *row[0])]
+    responses = [row for row in TABLES["rows"] if row in row_of.values() and value in (None, *row[0])]
     size = (1.4, 2.4, 1.3, 1.9)
     axes = subplots(len(responses), cube.sizes["building"], size, sharex="row", sharey=True)
     for row, (both, words, where) in zip(axes, responses, strict=True):
@@ -464,16 +443,6 @@ def _along_height(values: np.ndarray, heights: np.ndarray, where: str) -> tuple[
     return values, heights, slice(None)
 
 
-#: Parts of the energy input, from below; told apart by colour and hatching.
-_PARTS: dict[str, dict[str, Any]] = {
-    "energy_damping": {"label": "lost in damping", "color": COLOURS[1]},
-    "hysteretic_energy": {"label": "lost in yielding", "color": COLOURS[4], "hatch": "xx"},
-    "energy_links": {"label": "given to links", "color": COLOURS[3], "hatch": "--"},
-    "energy_held": {"label": "held at the end", "color": COLOURS[6], "hatch": ".."},
-    "energy_transfer": {"label": "given to neighbours and contacts", "color": COLOURS[2], "hatch": "//"},
-}
-
-
 @figure_of("energy-budget", "cube", "building, energy_input, energy_damping, energy_held")
 def energy_budget(cube: xr.Dataset) -> Figure:
     """Draw where the energy of each building went, law by law.
@@ -495,9 +464,10 @@ def energy_budget(cube: xr.Dataset) -> Figure:
     for ax, part in panels(axes[0, :buildings], result, "building"):
         ax.use_sticky_edges = False  # bars would end at the frame
         above, below = np.zeros((2, len(x)))
-        for name in (name for name in _PARTS if name in part):
+        for name in (name for name in TABLES["energies"] if name in part):
             values = part[name].values
-            ax.bar(x, values, 0.7, bottom=np.where(values >= 0.0, above, below), edgecolor="white", **_PARTS[name])
+            bottom, look = np.where(values >= 0.0, above, below), TABLES["energies"][name]
+            ax.bar(x, values, 0.7, bottom=bottom, edgecolor="white", **look)
             above, below = above + np.maximum(values, 0.0), below + np.minimum(values, 0.0)
         ax.hlines(part["energy_input"], x - 0.42, x + 0.42, color="black", linewidth=1.6, label="input")
     if "contact_work" in result:  # with a scale of its own
