@@ -239,7 +239,15 @@ def read_hazard(path: FilePath, units: str | None = None) -> Hazard:
             points.append((place, x, y))
     if len(points) < 2:
         raise InputError(f"{target.name}: {len(points)} points; a hazard curve has 2 or more")
-    years = _years_of(second, rows[0][0])
+    span, likely, years = _SPAN.search(second), bool(_PROBABILITY.search(second)), 0.0
+    if not _RATE.search(second):
+        years = float((span[1] or "1").replace(",", ".")) if span and likely else 0.0
+        if not years:
+            what = "a probability in an unknown time" if likely else "no rate and no probability"
+            raise InputError(
+                f"{rows[0][0]}: the second column is {what} by its heading {second!r}; head it 'annual rate' or, of "
+                "probabilities of exceedance, 'poe in 50 years' with their own years"
+            )
     _check_points(points, *(("probability", 1.0) if years else ()))
     match, measure = _MEASURE.match(heading), ""
     if match:
@@ -253,21 +261,6 @@ def read_hazard(path: FilePath, units: str | None = None) -> Hazard:
     _, intensity, rate = zip(*points, strict=True)
     rates = tuple(-math.log1p(-p) / years for p in rate) if years else rate
     return Hazard(tuple(factor * x for x in intensity), rates, target.name, metric, False, measure, (unit, factor))
-
-
-def _years_of(heading: str, place: str) -> float:
-    """Return the years of the probabilities under a heading, 0 where it is of annual rates."""
-    if _RATE.search(heading):
-        return 0.0
-    span, likely = _SPAN.search(heading), bool(_PROBABILITY.search(heading))
-    years = float((span[1] or "1").replace(",", ".")) if span else 0.0
-    if not years or not likely:
-        what = "a probability in an unknown time" if likely else "no rate and no probability"
-        raise InputError(
-            f"{place}: the second column is {what} by its heading {heading!r}; head it 'annual rate' or, of "
-            "probabilities of exceedance, 'poe in 50 years' with their own years"
-        )
-    return years
 
 
 def hazard_of(curve: FilePath | Hazard, units: str | None = None) -> Hazard:

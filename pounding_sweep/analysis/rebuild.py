@@ -61,10 +61,12 @@ def stored_spec(
     return spec_of(sweep, records_of(sweep, [item for _, item in files if isinstance(item, Record)], folders))
 
 
-def stored_scene(histories: xr.Dataset) -> Scene:
-    """Return the row of a scenario with its histories."""
+def stored_scene(dataset: xr.Dataset) -> Scene:
+    """Return the row of a cube, or of a scenario with its histories."""
+    if "scene" not in dataset.attrs and "sweep" in dataset.attrs:
+        return scene_of(stored_sweep(dataset)["scene"])
     try:
-        return scene_of(json.loads(histories.attrs["scene"]))
+        return scene_of(json.loads(dataset.attrs["scene"]))
     except (KeyError, ValueError):
         raise InputError(
             "this file does not carry its row of buildings (attribute 'scene'), from which the walls beside it would "
@@ -78,7 +80,12 @@ def records_of(sweep: Mapping[str, Any], offered: Iterable[Record] = (), folders
     records, missing = [], []
     for entry in sweep["records"]:
         record = by_digest.get(entry["sha256"])
-        named = None if record else _by_name(entry, folders)
+        named = None if record else remade(entry["source"], entry["n_points"])
+        sets = [] if record or named else [f"{key}/{entry['name']}" for key in RECORD_SETS]
+        for name in [entry["name"], *sets] if sets else ():
+            with suppress(RecordError):
+                named = find_record(name, folders)
+                break
         if named is not None:  # as it was found, or scaled as the sweep says
             scaled = named.scaled(entry["scale"] / named.scale) if named.scale else named
             record = next((one for one in (named, scaled) if one.sha256 == entry["sha256"]), None)
@@ -95,15 +102,6 @@ def records_of(sweep: Mapping[str, Any], offered: Iterable[Record] = (), folders
             "themselves"
         )
     return records
-
-
-def _by_name(entry: Mapping[str, Any], folders: Any) -> Record | None:
-    """Return the record of a name: made again, from a file, or out of a set."""
-    record = remade(entry["source"], entry["n_points"])
-    for name in (entry["name"], *(f"{key}/{entry['name']}" for key in RECORD_SETS)) if record is None else ():
-        with suppress(RecordError):
-            return find_record(name, folders)
-    return record
 
 
 def uncoupled_runs(source: Scene | str | xr.Dataset, records: Any, folders: Any) -> tuple[Scene, xr.Dataset]:
@@ -131,7 +129,7 @@ def uncoupled_runs(source: Scene | str | xr.Dataset, records: Any, folders: Any)
 def _runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> tuple[Scene, xr.Dataset]:
     """Return the row of a cube, and the cube if it has the runs without pounding, else what these are in."""
     sweep = stored_sweep(cube)
-    scene = scene_of(sweep["scene"])
+    scene = stored_scene(cube)
     row: dict[str, list[Any]] = {"building": [building.name for building in scene.buildings]}
     row |= {"pair": list(scene.pair_labels), "storey": list(range(1, scene.n_storeys + 1))}
     # a part of the row is no row
@@ -266,7 +264,7 @@ def periods_of(cube: xr.Dataset, name: str) -> dict[str, float]:
     spectral = _SPECTRAL.fullmatch(name)
     if not spectral:
         return {}
-    first = {b.name: float(b.periods[0]) for b in scene_of(stored_sweep(cube)["scene"]).buildings}
+    first = {b.name: float(b.periods[0]) for b in stored_scene(cube).buildings}
     period = spectral[1]
     if period is None or period in first:
         return first if period is None else {period: first[period]}

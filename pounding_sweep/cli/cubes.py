@@ -40,7 +40,14 @@ def info_command(
     else:
         with open_cube(cube) as dataset:
             if status and not as_json:
-                return _print_failures(about(dataset))
+                failed = about(dataset)
+                number = sum(end["count"] for end in failed["not_ok"])
+                print(f"{number} of {failed['scenarios']} scenarios are not ok")
+                for end in failed["not_ok"]:
+                    print("\n{count} {label}: {meaning}: {remedy}\n  {where}\n".format(**end))
+                    rows = [[*map(str, row.values())] for row in end["by_value"]]
+                    print_table(["axis", "value", end["label"], "of"], rows, right=(2, 3))
+                return
             content = about(dataset) if as_json else describe(dataset, terminal_width())
         try:
             unfinished = survey(parts) if os.path.exists(parts / MANIFEST) else None
@@ -56,15 +63,6 @@ def info_command(
         print("\nAn unfinished run stands beside this cube:")
     if unfinished is not None:
         _print_unfinished(unfinished)
-
-
-def _print_failures(cube: dict[str, Any]) -> None:
-    """Print how many scenarios of a cube are not ok, and which."""
-    print(f"{sum(end['count'] for end in cube['not_ok'])} of {cube['scenarios']} scenarios are not ok")
-    for end in cube["not_ok"]:
-        print(f"\n{end['count']} {end['label']}: {end['meaning']}: {end['remedy']}\n  {end['where']}\n")
-        rows = [[row["axis"], *map(str, [row["value"], row["scenarios"], row["of"]])] for row in end["by_value"]]
-        print_table(["axis", "value", end["label"], "of"], rows, right=(2, 3))
 
 
 def _print_unfinished(survey: Survey) -> None:

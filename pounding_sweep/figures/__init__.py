@@ -90,10 +90,13 @@ def figure_of(key: str, source: str, needs: str) -> Callable[[Callable[..., Figu
     def register(draw: Callable[..., Figure]) -> Callable[..., Figure]:
         @wraps(draw)
         def drawn(dataset: xr.Dataset, **options: Any) -> Figure:
+            import numpy as np
+
             from pounding_sweep.figures.select import NothingToDrawError, describe
             from pounding_sweep.figures.style import NotebookFigure, in_style
             from pounding_sweep.output.dataset import UNTITLED
             from pounding_sweep.output.netcdf import with_texts
+            from pounding_sweep.variables.registry import Status
 
             prepared = _with_inner_dims(with_texts(dataset))
             require(prepared, key)
@@ -101,10 +104,12 @@ def figure_of(key: str, source: str, needs: str) -> Callable[[Callable[..., Figu
                 try:
                     figure = draw(prepared, **options)
                 except NothingToDrawError:
-                    at = describe(prepared)
+                    at, codes = describe(prepared), np.ravel(prepared.get("status", [])).tolist()
+                    failed = [status for status in Status if status != Status.OK and status in codes]
+                    why = [f"{codes.count(status)} of {len(codes)} scenarios are {status.label}" for status in failed]
                     raise InputError(
-                        f"figure {key!r} has nothing to draw{f' at {at}' if at else ''}: {_why_nothing(prepared)}; "
-                        "choose others with --at"
+                        f"figure {key!r} has nothing to draw{f' at {at}' if at else ''}: "
+                        f"{', '.join(why) or 'none of its values is a number'}; choose others with --at"
                     ) from None
                 if source in ("cube", "design") and isinstance(figure, NotebookFigure):
                     subject = figure.caption[0].replace("_", " ")
@@ -127,16 +132,6 @@ def figure_of(key: str, source: str, needs: str) -> Callable[[Callable[..., Figu
         return drawn
 
     return register
-
-
-def _why_nothing(dataset: xr.Dataset) -> str:
-    """Return why a dataset has no values: how its scenarios ended."""
-    from pounding_sweep.variables.registry import Status
-
-    codes = dataset["status"].values.ravel().tolist() if "status" in dataset.data_vars else []
-    failed = [status for status in Status if status != Status.OK and status in codes]
-    counts = [f"{codes.count(status)} of {len(codes)} scenarios are {status.label}" for status in failed]
-    return ", ".join(counts) or "none of its values is a number"
 
 
 def _with_inner_dims(dataset: xr.Dataset) -> xr.Dataset:

@@ -45,6 +45,11 @@ def has_audit(cube: Mapping[Any, Any]) -> bool:
     return "audit_error" in cube
 
 
+def _arrays(cube: Mapping[Any, Any], *names: str) -> list[np.ndarray]:
+    """Return arrays of a cube, or of a file."""
+    return [np.asarray(cube[name][...]) for name in names]
+
+
 def audit_table(cube: Mapping[Any, Any]) -> list[dict[str, Any]]:
     """Summarise an audit, one row per output.
 
@@ -70,9 +75,9 @@ def audit_table(cube: Mapping[Any, Any]) -> list[dict[str, Any]]:
     """
     if not has_audit(cube):
         return []
-    error, undecided = np.asarray(cube["audit_error"][...]), np.asarray(cube["audit_undecided"][...], bool)
-    rows = []
-    for output, errors in zip(np.asarray(cube["output"][...]).tolist(), error.T, strict=True):
+    error, undecided, outputs = _arrays(cube, "audit_error", "audit_undecided", "output")
+    rows, undecided = [], undecided != 0
+    for output, errors in zip(outputs.tolist(), error.T, strict=True):
         decided, others = (part if part.size else [math.inf] for part in (errors[~undecided], errors[undecided]))
         numbers = {
             "scenarios": int((~undecided).sum()),
@@ -89,7 +94,8 @@ def audit_table(cube: Mapping[Any, Any]) -> list[dict[str, Any]]:
 def errors_sentence(cube: Mapping[Any, Any], attributes: Mapping[Any, Any]) -> str:
     """Say in one line how large the errors of a cube are, of which scenarios; "" where nothing was measured."""
     if "error_estimate" in cube:
-        estimate = np.asarray(cube["error_estimate"][...])[np.asarray(cube["status"][...]) == Status.OK]
+        estimate, status = _arrays(cube, "error_estimate", "status")
+        estimate = estimate[status == Status.OK]
         n, estimate = len(estimate), estimate[~np.isnan(estimate)]
         if not len(estimate):
             return ""
@@ -99,23 +105,23 @@ def errors_sentence(cube: Mapping[Any, Any], attributes: Mapping[Any, Any]) -> s
         return f"relative, estimated in {which} scenarios that are ok: {numbers}{grazes}"
     if not has_audit(cube) or "audit_reference" not in attributes:
         return ""
-    error, undecided = np.asarray(cube["audit_error"][...]), np.asarray(cube["audit_undecided"][...], bool)
-    random, touching = np.asarray(cube["audit_random"][...], bool), attributes["audit_touching"]
-    n, reference = len(error), attributes["audit_reference"]
-    laws = np.asarray(cube["audit_law"][...])
+    names = ("audit_error", "audit_undecided", "audit_random", "audit_law", "law", "output")
+    error, undecided, random, laws, all_laws, outputs = _arrays(cube, *names)
+    n, undecided = len(error), undecided != 0
+    touching, reference = attributes["audit_touching"], attributes["audit_reference"]
     how_many = f"all {n} touching scenarios" if n == touching else f"{n} of {touching} touching scenarios"
     audited = sorted({*laws.tolist()})
-    which = "all laws" if {*np.ravel(cube["law"][...]).tolist()} <= {*audited, "none"} else ", ".join(audited)
+    which = "all laws" if {*all_laws.ravel().tolist()} <= {*audited, "none"} else ", ".join(audited)
     text = f"{how_many}, {which}, compared with {reference}"
     if not undecided.all():
         decided = np.where(undecided[:, None], -1.0, error)
         row, output = np.unravel_index(int(decided.argmax()), error.shape)
         different = dict.fromkeys(np.atleast_1d(cube["audit_gap"][int(row)]).tolist())
         gaps = ", ".join(f"{1e3 * gap:.3g}" for gap in different)
-        where = f"{np.asarray(cube['output'][...])[output]}, {laws[row]}, gap {gaps} mm"
+        where = f"{outputs[output]}, {laws[row]}, gap {gaps} mm"
         largest = "infinite, a touch in one run only" if np.isinf(decided.max()) else f"{decided.max():.2g}"
         text += f": largest error {largest} ({where}), median {np.median(decided[~undecided].max(axis=1)):.2g}"
-    if drawn := int((random & ~undecided).sum()) if n < touching else 0:
+    if drawn := int(((random != 0) & ~undecided).sum()) if n < touching else 0:
         others = 1.0 - (1.0 - CONFIDENCE) ** (1.0 / drawn)
         text += f"; with {CONFIDENCE:.0%} confidence at most {others:.1%} of the others err more"
     if undecided.any():
@@ -127,9 +133,9 @@ def errors_by_law(cube: Mapping[Any, Any]) -> list[dict[str, Any]]:
     """Return errors of each output under each law, as an audit measured them, undecided scenarios apart."""
     if not has_audit(cube):
         return []
-    decided = np.asarray(cube["audit_undecided"][...]) == 0
-    error, laws = np.asarray(cube["audit_error"][...])[decided], np.asarray(cube["audit_law"][...])[decided]
-    columns = {law: zip(np.asarray(cube["output"][...]).tolist(), error[laws == law].T, strict=True) for law in laws}
+    error, undecided, laws, outputs = _arrays(cube, "audit_error", "audit_undecided", "audit_law", "output")
+    error, laws = error[undecided == 0], laws[undecided == 0]
+    columns = {law: zip(outputs.tolist(), error[laws == law].T, strict=True) for law in laws}
     return [
         {"law": law, "output": output, "median": np.median(part), "most": _most(part), "largest": part.max()}
         for law, outputs in columns.items()

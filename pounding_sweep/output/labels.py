@@ -256,20 +256,14 @@ def design_coordinates(spec: SweepSpec) -> Coordinates:
     return result
 
 
-def _rest_note(plan: Plan) -> str | None:
-    """Say which scenarios end before nothing can change any more; None if none does."""
-    if plan.spec.rest != "auto":
-        return None
+def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
+    """Return what the cube says of the sweep as a whole."""
+    # which scenarios end before nothing can change any more
     notes = ["rows without damping end with the record"] * bool((longest_rest(plan.variants)[0] == 0.0).any())
     degrade = ["rows with storeys that degrade"] * any(spring.law.softens for spring in plan.spec.scene.springs)
     if those := degrade + ["floors without a gap"] * bool((plan.unique.gaps <= 0.0).any()):
         decayed = f"until a free motion has decayed to {SMALL_MOTION:g} of itself"
         notes.append(f"{' and '.join(those)} are followed {decayed}")
-    return "; ".join(notes) or None
-
-
-def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
-    """Return what the cube says of the sweep as a whole."""
     spec = plan.spec
     records = [
         {
@@ -287,7 +281,7 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         "precision": plan.numerics.precision,
         "located": spec.locate,
         "rest": spec.rest,
-        "rest_note": _rest_note(plan),
+        "rest_note": ("; ".join(notes) or None) if spec.rest == "auto" else None,
         "restitution_basis": spec.restitution_basis,
         "unit_system": "kN, t, m, s",
         "sweep": to_json(spec),

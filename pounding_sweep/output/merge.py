@@ -144,7 +144,12 @@ def merge_cubes(
         sources = set().union(*(identity.makers(part.attrs) for part in parts.values()))
         base, cases = next(iter(parts.values())), None
         if CASE in base.dims:
-            parts, case_labels, cases = _number_cases(_of_one_design(parts, sweeps), sweeps)
+            designs = [sweep.get("design") or {} for sweep in sweeps]
+            if any(design != designs[0] for design in designs):  # then what they say of their cases tells no more
+                drawn = {SAMPLE, BLOCK, *(item["name"] for design in designs for item in design.get("inputs", ()))}
+                drawn -= {*CASE_COORDINATES}
+                parts = {file: cube.drop_vars(drawn, errors="ignore") for file, cube in parts.items()}
+            parts, case_labels, cases = _number_cases(parts, sweeps)
             axes: dict[str, list[Any]] = {CASE: list(range(len(case_labels)))}
         else:
             axes = {
@@ -230,15 +235,6 @@ def _shared(cube: xr.Dataset) -> dict[str, Any]:
     """Return the global attributes in which all parts agree; for an accuracy each chose its scheme."""
     of_part = {*PART_ATTRIBUTES, *(CHOSEN if "accuracy" in cube.attrs else ())}
     return {k: v for k, v in cube.attrs.items() if k not in of_part and not k.startswith(PART_PREFIXES)}
-
-
-def _of_one_design(parts: Parts, sweeps: Sweeps) -> Parts:
-    """Return cubes without what designs say of their cases, where these were not drawn by one design."""
-    designs = [sweep.get("design") or {} for sweep in sweeps]
-    if all(design == designs[0] for design in designs):
-        return parts
-    drawn = {SAMPLE, BLOCK, *(item["name"] for design in designs for item in design.get("inputs", ()))}
-    return {file: cube.drop_vars(drawn - {*CASE_COORDINATES}, errors="ignore") for file, cube in parts.items()}
 
 
 def _number_cases(parts: Parts, sweeps: Sweeps) -> tuple[Parts, list[Any], list[dict[str, Any]]]:

@@ -16,7 +16,7 @@ import xarray as xr
 
 from pounding_sweep.analysis.comparisons import COMPARISONS, NOTES, Comparison, over_text, split_constant, table_rows
 from pounding_sweep.analysis.comparisons.gaps import FROM_MEMORY
-from pounding_sweep.analysis.rebuild import records_of, stored_sweep
+from pounding_sweep.analysis.rebuild import records_of, stored_scene, stored_sweep
 from pounding_sweep.analysis.scenarios import long_name, scenario_dims, values
 from pounding_sweep.analysis.spectra import response_spectrum
 from pounding_sweep.base import STANDARD_GRAVITY
@@ -34,7 +34,6 @@ from pounding_sweep.output.netcdf import with_texts
 from pounding_sweep.pages import Grid, ungrouped, write_page
 from pounding_sweep.records import records_dataset
 from pounding_sweep.records.synthetic import table_of
-from pounding_sweep.request.spec import scene_of
 from pounding_sweep.request.toml import to_toml
 from pounding_sweep.variables.registry import INNER_DIMS, VALID
 
@@ -167,7 +166,7 @@ def _row(cube: xr.Dataset, content: dict[str, Any]) -> Section:
     section, rows = Section("The row", ["Units are kN, t, m, s."]), []
     section.draw(draw_at_rest(cube))
     section.add_table("Buildings and pairs", "|what", [[*item.values()] for item in content["row"]])
-    for item in scene_of(stored_sweep(cube)["scene"]).buildings:
+    for item in stored_scene(cube).buildings:
         strengths = item.yield_strengths or (math.nan,) * item.n_storeys
         columns = item.elevations, item.masses, item.storey_stiffnesses, strengths
         for number, storey in enumerate(zip(*columns, strict=True), 1):

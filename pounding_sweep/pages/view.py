@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.analysis.rebuild import stored_sweep
+from pounding_sweep.analysis.rebuild import stored_scene, stored_sweep
 from pounding_sweep.analysis.scenarios import scenario_dims
 from pounding_sweep.base.errors import InputError, check_choice, checked_arguments
 from pounding_sweep.base.files import FilePath, expanded
@@ -24,7 +24,6 @@ from pounding_sweep.output.describe import about, statuses
 from pounding_sweep.output.netcdf import check_output, with_texts
 from pounding_sweep.output.select import select
 from pounding_sweep.pages import write_page
-from pounding_sweep.request.spec import scene_of
 from pounding_sweep.variables.registry import INNER_DIMS
 
 #: Numbers that a page holds at most, and up to which they are kept as float32; beyond they are rounded.
@@ -190,8 +189,7 @@ def _of_sweep(cube: xr.Dataset, file: str) -> dict[str, Any]:
     """Return the row as it is drawn, and the command that replays a scenario; of a cube without its sweep neither."""
     if "sweep" not in cube.attrs:
         return {"members": [], "spots": {}, "width": 0, "command": "", "chosen": []}
-    sweep = stored_sweep(cube)
-    scene = scene_of(sweep["scene"])
+    scene, gaps = stored_scene(cube), stored_sweep(cube)["gaps"]
     low = min(item.base_elevation for item in scene.buildings)
     top = max(float(item.levels[-1]) for item in scene.buildings)
 
@@ -222,5 +220,5 @@ def _of_sweep(cube: xr.Dataset, file: str) -> dict[str, Any]:
     return {
         **{"members": members, "spots": spots, "width": x - _BETWEEN + _BESIDE},
         "command": f"pounding-sweep simulate {shlex.quote(file)}",
-        "chosen": [dim for dim in cube["status"].dims if dim != "gap" or sweep["gaps"] is not None],
+        "chosen": [dim for dim in cube["status"].dims if dim != "gap" or gaps is not None],
     }

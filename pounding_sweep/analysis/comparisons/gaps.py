@@ -19,7 +19,7 @@ from pounding_sweep.analysis.comparisons import Row, check_needs, comparison, ov
 from pounding_sweep.analysis.comparisons.fragility import check_site
 from pounding_sweep.analysis.comparisons.stripes import gaps_of_stripes
 from pounding_sweep.analysis.hazard import Hazard, hazard_of
-from pounding_sweep.analysis.rebuild import intensity_of, stored_sweep, uncoupled_runs
+from pounding_sweep.analysis.rebuild import intensity_of, stored_scene, uncoupled_runs
 from pounding_sweep.analysis.scenarios import ROUND_OFF, described, fell, labelled, peak_displacement, values
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.files import FilePath, read_data
@@ -27,7 +27,6 @@ from pounding_sweep.model.building import Building
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.records import Record
 from pounding_sweep.request.axes import DIMENSIONS
-from pounding_sweep.request.spec import scene_of
 
 #: What is said of every clause of a standard.
 FROM_MEMORY = "stated from memory of the standard; the standard was not consulted"
@@ -515,7 +514,7 @@ def _with_numbers(
 
 def _row_yields(cube: xr.Dataset) -> bool:
     """Whether a cube says that a storey of its row yields."""
-    return "sweep" in cube.attrs and any(scene_of(stored_sweep(cube)["scene"]).yields)
+    return "sweep" in cube.attrs and any(stored_scene(cube).yields)
 
 
 def _per_intensity(exact: xr.DataArray, strength: xr.DataArray, cube: xr.Dataset) -> xr.DataArray:

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.analysis.comparisons import BY_STOREY, check_needs, comparison, over_text
-from pounding_sweep.analysis.rebuild import intensity_of, stored_sweep
+from pounding_sweep.analysis.rebuild import intensity_of, stored_scene
 from pounding_sweep.analysis.scenarios import (
     ROUND_OFF,
     TOUCH_VARIABLES,
@@ -35,7 +35,6 @@ from pounding_sweep.analysis.scenarios import (
 from pounding_sweep.base.errors import InputError, check_choice
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.request.axes import DIMENSIONS
-from pounding_sweep.request.spec import scene_of
 from pounding_sweep.variables.registry import STATUS, VALID, VARIABLES
 
 # -- with pounding and without ----------------------------------------------------------------------------------------
@@ -310,7 +309,7 @@ def energy(cube: xr.Dataset) -> xr.Dataset:
     check_needs(cube, what, axes=["building", *pairs])
     terms = [*TERMS, *(["contact_work"] if pairs else [])]
     if "sweep" in cube.attrs:
-        scene = scene_of(stored_sweep(cube)["scene"])
+        scene = stored_scene(cube)
         terms += [name for name, has in zip(BESIDE, (any(scene.yields), scene.links), strict=True) if has]
         # a selection that left buildings or pairs out does not balance
         for dim, count in (("building", len(scene.buildings)), ("pair", len(scene.pair_labels))):

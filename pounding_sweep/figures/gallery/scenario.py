@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Callable
@@ -15,7 +14,7 @@ import xarray as xr
 from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.figure import Figure
 
-from pounding_sweep.analysis.rebuild import stored_scene, stored_sweep
+from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.base.files import FilePath
 from pounding_sweep.figures import figure_of, require
@@ -250,7 +249,7 @@ def modes(cube: xr.Dataset) -> Figure:
 
     They are those of the row without factors of axes, on a fixed base, and 1 where they are largest.
     """
-    scene = stored_scene(cube.assign_attrs(scene=json.dumps(stored_sweep(cube)["scene"])))
+    scene = stored_scene(cube)
     axes = subplots(1, len(scene.buildings), (1.0, 2.4, 3.6, 0.0), sharex=True, sharey=True)
     for panel, item in zip(axes[0], scene.buildings, strict=True):
         fixed = item.on_fixed_base
@@ -304,7 +303,7 @@ def draw_at_rest(cube: xr.Dataset) -> Figure:
     still = xr.zeros_like(cube["floor_elevation"], float).expand_dims(time=[0.0])
     one = cube.drop_vars([*cube.data_vars]).assign(displacement=still)
     with in_style():
-        axes, factor, show = draw_row(one.assign_attrs(scene=json.dumps(stored_sweep(cube)["scene"])), numbers=True)
+        axes, factor, show = draw_row(one, numbers=True)
         show(0, np.zeros((0, 0)))
         axes[0, 0].set_xlabel(f"gaps drawn {factor:g} times; masses (t) at floors, stiffnesses (kN/m) of storeys")
         return put_title(axes, "The row at rest")
