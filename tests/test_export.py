@@ -19,7 +19,7 @@ from scenes import call, hand_cube, random_fill
 from pounding_sweep.base.errors import InputError, OutputError, WriteError
 from pounding_sweep.cli.app import axis_values
 from pounding_sweep.output import export as exporting
-from pounding_sweep.output.export import export_cube, long_table
+from pounding_sweep.output.export import Table, export_cube
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.select import NEAR, select
 
@@ -84,7 +84,7 @@ def test_csv_is_what_loops_over_the_cube_give(cube, tmp_path, monkeypatch):
     monkeypatch.setattr(exporting, "CELLS_AT_A_TIME", 7)
     found = read(export_cube(cube, tmp_path / "all.csv"))
     expected = list(rows_of(cube, ["building", "pair"]))
-    assert len(found) == len(expected) == 18 * (3 + 2) == long_table(cube).n_rows
+    assert len(found) == len(expected) == 18 * (3 + 2) == Table(cube, wide=False, constants=False).n_rows
     check(found, expected)
     assert list(found[0])[:3] == ["law", "gap", "record"]
     assert {"record_pga", "building", "pair", "storey", "status", *NAMES} <= set(found[0])

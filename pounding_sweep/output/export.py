@@ -89,43 +89,50 @@ class Column(NamedTuple):
 
 
 class Table:
-    """A table of a cube; `kinds` are the dimensions of the places inside a scenario that have rows of their own."""
+    """A table of a cube: with a row for each floor and contact of each scenario, or `wide`, for each scenario alone."""
 
-    def __init__(self, cube: xr.Dataset, kinds: Sequence[tuple[str, ...]], constants: bool) -> None:
-        self.cube, self._kinds, self.outer = cube, kinds, outer_dims(cube.dims)
-        self._constants = constants  # whether what is the same in all scenarios has columns, too
-        self.columns: dict[str, Column] = {}
-        self._existing = [np.flatnonzero(_exists(cube, kind)) for kind in kinds]
+    def __init__(self, cube: xr.Dataset, *, wide: bool, constants: bool) -> None:
+        self.cube, self.outer, self.columns = cube, outer_dims(cube.dims), dict[str, Column]()
+        inner = dict.fromkeys(_inner_dims(cube[name]) for name in cube.data_vars)
+        #: dimensions of the places inside a scenario that have rows of their own
+        self._kinds = [()] if wide else [kind for kind in inner if not any({*kind} < {*other} for other in inner)]
+        self._existing = [np.flatnonzero(_exists(cube, kind)) for kind in self._kinds]
         #: lines that follow the headings of a CSV file
         self.lines: list[list[str]] = []
         #: scenarios that have rows
         self.selected = np.ones([cube.sizes[dim] for dim in self.outer], bool)
         #: returns a part of the cube with what is to be computed of it
         self.complete: Callable[[xr.Dataset], xr.Dataset] = lambda part: part
+        names = [str(name) for name in cube.coords if name not in PROSE]
+        last = [name for name in INNER_DIMS if name in names]
+        first = [*(dim for dim in self.outer if dim in names), *(name for name in names if name not in last)]
+        for name in dict.fromkeys([*first, *([] if wide else last), *map(str, cube.data_vars)]):
+            array, about = cube[name], dict[str, str]()
+            constant = name in names and array.dims and {*array.dims} <= {*INNER_DIMS} - {name}
+            dims = (name,) if name in INNER_DIMS else _inner_dims(array)
+            kinds = [i for i, kind in enumerate(self._kinds) if wide or {*dims} <= {*kind}]
+            for key, value in array.attrs.items():
+                if key in ("units", "unit_text", "long_name", "comment") or key.startswith("flag_"):
+                    about[key.replace("unit_text", "units")] = " ".join(map(str, np.ravel(value).tolist()))
+            # a whole number that may be missing is read as a float
+            stored = np.dtype(array.encoding.get("dtype", array.dtype))
+            dtype = stored if array.dtype.kind == "f" and stored.kind == "i" else array.dtype
+            dtype = dtype if dtype.kind in "iuf" else np.dtype(object)
+            inside = [dim for dim in INNER_DIMS if dim in array.dims] if wide else []
+            places = np.argwhere(_exists(cube, inside)).tolist() if kinds and (constants or not constant) else []
+            for place in places:
+                at = dict(zip(inside, place, strict=True))
+                label = "_".join([name, *(str(cube[dim].values[i]) for dim, i in at.items())])
+                twin = cube.coords.get(plain_name(label, ()))
+                # an input of a design is told for all buildings, too
+                if not at or twin is None or not np.array_equal(twin.values, array.isel(at).values):
+                    label = plain_name(label, self.columns) if wide else name
+                    self.columns[label] = Column(name, at, kinds, dtype, about)
 
     @property
     def n_rows(self) -> int:
         """Number of rows."""
         return int(self.selected.sum()) * sum(map(len, self._existing))
-
-    def add(self, name: str, label: str = "", at: Mapping[str, int] | None = None) -> None:
-        """Add a column, of one place of a variable or coordinate, or of all where these have rows."""
-        array = self.cube[name]
-        if not self._constants and name in self.cube.coords and array.dims and {*array.dims} <= {*INNER_DIMS} - {name}:
-            return
-        inner = (name,) if name in INNER_DIMS else _inner_dims(array)
-        kinds = [i for i, kind in enumerate(self._kinds) if at is not None or set(inner) <= set(kind)]
-        about = {key: array.attrs[key] for key in ("units", "unit_text", "long_name", "comment") if key in array.attrs}
-        if "unit_text" in about:
-            about["units"] = about.pop("unit_text")
-        flags = [key for key in array.attrs if key.startswith("flag_")]
-        about |= {key: " ".join(map(str, np.ravel(array.attrs[key]).tolist())) for key in flags}
-        # a whole number that may be missing is read as a float
-        stored = np.dtype(array.encoding.get("dtype", array.dtype))
-        dtype = stored if array.dtype.kind == "f" and stored.kind == "i" else array.dtype
-        if kinds:
-            dtype = dtype if dtype.kind in "iuf" else np.dtype(object)
-            self.columns[label or name] = Column(name, at or {}, kinds, dtype, about)
 
     def select(self, names: Iterable[str]) -> None:
         """Give rows to the scenarios of these statuses alone."""
@@ -180,44 +187,14 @@ def _inner_dims(array: xr.DataArray) -> tuple[str, ...]:
     return tuple(str(dim) for dim in array.dims if dim in INNER_DIMS)
 
 
-def long_table(cube: xr.Dataset, constants: bool = False) -> Table:
-    """Return the table with a row for each floor and contact of each scenario."""
-    inner = dict.fromkeys(_inner_dims(cube[name]) for name in cube.data_vars)
-    kinds = [kind for kind in inner if not any(set(kind) < set(other) for other in inner)]
-    table = Table(cube, kinds, constants)
-    names = [str(name) for name in cube.coords if name not in PROSE]
-    axes = [name for name in table.outer if name in names]
-    last = [name for name in INNER_DIMS if name in names]
-    for name in dict.fromkeys([*axes, *(name for name in names if name not in last), *last, *map(str, cube.data_vars)]):
-        table.add(name)
-    return table
-
-
-def wide_table(cube: xr.Dataset, constants: bool = False) -> Table:
-    """Return the table with one row for each scenario, or moment: each existing place in it has a column."""
-    table = Table(cube, [()], constants)
-    coordinates = [str(name) for name in cube.coords if name not in (*PROSE, *INNER_DIMS)]
-    axes = [name for name in table.outer if name in coordinates]
-    for name in dict.fromkeys([*axes, *coordinates, *map(str, cube.data_vars)]):
-        array = cube[name]
-        inner = [dim for dim in INNER_DIMS if dim in array.dims]
-        for place in np.argwhere(_exists(cube, inner)).tolist():
-            at = dict(zip(inner, place, strict=True))
-            label = "_".join([name, *(str(cube[dim].values[i]) for dim, i in at.items())])
-            twin = cube.coords.get(plain_name(label, ()))
-            # an input of a design is told for all buildings, too
-            if not inner or twin is None or not np.array_equal(twin.values, array.isel(at).values):
-                table.add(name, plain_name(label, table.columns), at)
-    return table
-
-
 def scenario_table(cube: xr.Dataset, names: Sequence[str] = (), constants: bool = False) -> Table:
     """Return the table of scenarios: inputs, measures of their ground motion, outputs, measured errors."""
     if has_histories(cube):
         raise InputError("this is one scenario with its histories; give a cube of a sweep")
     always = [name for name in ("status", "run") if names and name in cube.data_vars]
     chosen = scenarios_of(cube, [*names, *always])
-    table = wide_table(chosen.assign_coords(scenarios_of(cube).coords).assign(_measures(cube)), constants)
+    chosen = chosen.assign_coords(scenarios_of(cube).coords).assign(_measures(cube))
+    table = Table(chosen, wide=True, constants=constants)
     # without all buildings and pairs of the row scenarios can't be told apart
     row = scene_of(json.loads(cube.attrs["sweep"])["scene"]) if has_audit(cube) else None
     sizes = [np.size(cube.coords.get(dim, [])) for dim in ("building", "pair")]
@@ -401,7 +378,7 @@ def _table(
         table = scenario_table(cube, names, constants)
     elif has_histories(cube, names):
         of_time = [str(name) for name, array in cube.data_vars.items() if TIME in array.dims]
-        table = wide_table(scenarios_of(cube, names or of_time), constants)
+        table = Table(scenarios_of(cube, names or of_time), wide=True, constants=constants)
     else:
         chosen = scenarios_of(cube, names)
         sets = sets_of_dimensions(chosen)
@@ -411,7 +388,7 @@ def _table(
                 f"{str(path)!r}: the variables do not share their dimensions, so they make no one table: {listed}; "
                 "export each set apart"
             )
-        table = long_table(chosen, constants)
+        table = Table(chosen, wide=False, constants=constants)
     for name in (name for name in _WORDS if name in table.cube.data_vars):
         about = {"long_name": f"{name} in words"}
         table.columns[f"{name}_name"] = table.columns[name]._replace(dtype=np.dtype(object), attributes=about)

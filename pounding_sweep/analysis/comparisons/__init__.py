@@ -21,12 +21,6 @@ if TYPE_CHECKING:
 MOTION_DIMS = ("record", "scale", "pga", "sa")
 #: Attributes that say of which sweep a cube is, and who made it.
 _IDENTITY = ("title", "sweep_sha256", "source", "pounding_sweep_version")
-#: Attributes of results that are shown above their tables.
-NOTES = (
-    *("answer", "counted", "reference_law", "realised_basis", "largest_residual_relative", "over", "event_in_words"),
-    *("intensity", "no_fractiles", "advice", "equal_along", "one_dispersion", "curves_cross", "hazard", "years"),
-    *("confidence", "factors", "falls"),
-)
 #: One row of a table: labels by dimension, then text or numbers; None where there is no value.
 Row = dict[str, Any]
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -56,7 +50,7 @@ class Comparison(NamedTuple):
     @property
     def make(self) -> Callable[..., xr.Dataset]:
         """The comparison itself."""
-        return cast("Callable[..., xr.Dataset]", self.load(self.key.replace("-", "_")))
+        return self.load(self.key.replace("-", "_"))
 
     @property
     def arguments(self) -> Collection[str]:
@@ -69,6 +63,8 @@ class Comparison(NamedTuple):
 
 
 _TABLES = read_data("comparisons.toml")
+#: Attributes of results that are shown above their tables.
+NOTES: list[str] = _TABLES["notes"]
 #: Every comparison by key, in alphabetical order.
 COMPARISONS = {key: Comparison(key, **entry) for key, entry in _TABLES["comparison"].items()}
 
