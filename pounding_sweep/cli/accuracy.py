@@ -58,8 +58,7 @@ def tradeoff_command(
         print_json(report(trade))
     else:
         _print_trade(trade, everything)
-        files = [str(file) for file in (figure, out) if file is not None]
-        print(*files, sep="\n", end="\n" * bool(files))
+        print("".join(f"{file}\n" for file in (figure, out) if file), end="")
 
 
 def _print_trade(trade: xr.Dataset, everything: bool) -> None:
@@ -138,11 +137,10 @@ def extremes_command(
         check_output(map_file, overwrite)
     if plot_file is not None:
         check_output(plot_file, overwrite=True, netcdf=False)
-    more: Any = {"sweep": load_sweep(sweep, folders=folders).spec if sweep else None, "workers": workers}
+    spec = load_sweep(sweep, folders=folders).spec if sweep else None
+    settings: Any = {"seed": seed, "laws": law, "families": family, "precision": precision, "workers": workers}
     with app.progress_display(quiet) as progress:
-        report = run_extremes(
-            scenes, seed=seed, laws=law, families=family, precision=precision, progress=progress, **more
-        )
+        report = run_extremes(scenes, sweep=spec, progress=progress, **settings)
     if map_file is not None or plot_file is not None:
         stability = stability_map(*(law or ())[:1])
         if map_file is not None:
@@ -154,7 +152,7 @@ def extremes_command(
         print_json({**report, "files": files})
     else:
         _print_extremes(report)
-        print(*files, sep="\n", end="\n" * bool(files))
+        print("".join(f"{file}\n" for file in files), end="")
     if report["violations"]:
         say(f"failed: {report['violations']} violations; each names its scenario, and --json gives all of them")
         raise Exit(app.FAILED)
@@ -303,8 +301,8 @@ def _check_law(name: str, nominal: Sequence[float] | None, as_json: bool) -> Non
             "solver of the formulas (DOP853), and by the closed form.\n"
             f"Kernel and its twin in plain Python, {check.impacts} impacts: up to {check.twin[worst]:.1e} ({worst})."
         )
-        agree = ["All agree: the kernels do what the formulas say.", *filter(None, [check.missed[1]])]
-        print(*([f"fault: {fault}" for fault in faults] or agree), sep="\n")
+        agree = ["All agree: the kernels do what the formulas say.", check.missed[1]]
+        print("\n".join([f"fault: {fault}" for fault in faults] or filter(None, agree)))
     if faults:
         raise Exit(app.FAILED)
 
@@ -331,10 +329,7 @@ def doctor_command(
     if not as_json:
         _print_state(state)
     check = {} if no_check else {"self_check": self_check()}
-    if as_json:
-        print_json(state | check)
-    else:
-        _print_state(check)
+    print_json(state | check) if as_json else _print_state(check)
     if check and not check["self_check"]["passed"]:
         say("failed: this installation does not compute the stored values; install it again, or report this")
         raise Exit(app.FAILED)

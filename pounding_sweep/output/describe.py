@@ -14,8 +14,7 @@ from pounding_sweep.base.files import FilePath
 from pounding_sweep.base.text import fold, pairs_text, printable
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.audited import AUDIT_DIMS, audit_table, errors_by_law, errors_sentence
-from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
-from pounding_sweep.output.identity import LIBRARIES, ORIGINS, plain, sources
+from pounding_sweep.output.identity import ORIGINS, plain, sources
 from pounding_sweep.output.netcdf import ENCODING, NETCDF_LOCK, SLAB_BYTES, slabs
 from pounding_sweep.request.axes import AXES
 from pounding_sweep.request.spec import overview_of
@@ -33,8 +32,6 @@ _SECTION_ATTRIBUTES = {
 }
 #: Attributes that are JSON.
 _CODED = frozenset({"records", "records_left_out", "sweep", "accuracy_numbers", *ORIGINS})
-#: Counts that a cube keeps of one that its results were taken from.
-_COUNTS = {"scenarios_asked": "asked", "scenarios_run": "run", "scenarios_taken": "taken"}
 _WIDTH = 100
 #: What listed cases may share.
 _LISTED = ("law", "record", "contact_stiffness", *(axis.dimension for axis in AXES.values() if not axis.by))
@@ -225,9 +222,14 @@ def describe(dataset: xr.Dataset, columns: int = 10**6) -> str:
         ],
         "Where scenarios are not ok": [(end["label"], end["where"]) for end in cube["not_ok"]],
         errors: audit,
-        "Records": [_record_row(record) for record in json.loads(attributes.get("records", "[]"))],
+        "Records": [
+            (_short(record["name"]), f"PGA {_number(record['pga'])} m/s2", _listed(record))
+            for record in json.loads(attributes.get("records", "[]"))
+        ],
         "Made from": [
-            (how, *_source_row(source)) for key, how in ORIGINS.items() for source in sources(attributes, key)
+            (how, _short(source["file"]), _short(source.get("history", "")), _listed(source))
+            for key, how in ORIGINS.items()
+            for source in sources(attributes, key)
         ],
         "Versions": [(name, str(version)) for name, version in cube["versions"].items()],
         "Attributes": [(key, _short(value)) for key, value in rest.items() if not key.endswith("_version")],
@@ -257,22 +259,12 @@ def _range(values: xr.DataArray, status: xr.DataArray | None) -> str:
     return f"{_number(float(low))} to {_number(float(high))}" if low <= high else "no values"
 
 
-def _record_row(record: Mapping[str, Any]) -> tuple[str, ...]:
-    more = {key: _number(value) for key, value in record.items() if key != "pga" and value not in ("", None)}
-    name = more.pop("name")
-    texts = [f"{key} {text[:12] if key == 'sha256' else text}" for key, text in more.items()]
-    return _short(name), f"PGA {_number(record['pga'])} m/s2", _short(", ".join(texts), 2 * _WIDTH)
-
-
-def _source_row(source: Mapping[str, Any]) -> tuple[str, ...]:
-    """Describe a cube that results were taken from."""
-    counts = [f"{source[name]} {text}" for name, text in _COUNTS.items() if name in source]
-    if source.get("made_from"):
-        counts.append(f"made from {', '.join(source['made_from'])}")
-    makers = {"source": str(source.get(SOURCE_ATTRIBUTE, ""))[:12]}
-    makers |= {name: source.get(f"{name}_version", "") for name in LIBRARIES}
-    made = ", ".join(f"{name} {maker}" for name, maker in makers.items() if maker)
-    return tuple(map(_short, (source["file"], source.get("history", ""), ", ".join(counts), made)))
+def _listed(table: Mapping[str, Any]) -> str:
+    """Return names and values of a table but its name, file, history and peak; digests are cut."""
+    names = [key for key in table if key not in ("name", "file", "history", "pga") and table[key] not in ("", None)]
+    texts = {key: ", ".join(table[key]) if isinstance(table[key], list) else _number(table[key]) for key in names}
+    listed = (f"{key} {text[:12] if key.endswith('sha256') else text}" for key, text in texts.items())
+    return _short(", ".join(listed), 4 * _WIDTH)
 
 
 def summarize(path: FilePath) -> dict[str, Any]:

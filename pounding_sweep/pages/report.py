@@ -61,10 +61,11 @@ class Section:
 
     def add_table(self, title: str, headings: str, rows: list[list[str]]) -> None:
         """Add a table, if there are rows, of its columns that have values; headings are separated by ``|``."""
-        used = [i for i in range(len(headings.split("|"))) if any(row[i] for row in rows)]
+        names = headings.split("|")
+        used = [i for i in range(len(names)) if any(row[i] for row in rows)]
         if rows:
-            names = [headings.split("|")[i] for i in used]
-            self.grids.append(Grid(title, ungrouped(*names), [[row[i] for i in used] for row in rows]))
+            cells = [[row[i] for i in used] for row in rows]
+            self.grids.append(Grid(title, ungrouped(*(names[i] for i in used)), cells))
 
     def draw(self, figure: Any, caption: str = "") -> None:
         """Add a figure without its title, which the caption says."""
