@@ -66,7 +66,7 @@ MUTANTS = (
         "kernel/impulse.py",
         "mean = (total[j] + m * x[right]) / (mass[j] + m)",
         "mean = x[right]",
-        "test_stereomechanical.py",
+        "test_restitution.py",
     ),
 )
 

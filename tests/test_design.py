@@ -1,17 +1,22 @@
-"""Designs: what is drawn, how it becomes listed cases, and that these run, go on, extend and merge like any others."""
+"""Designs of experiments, and what inputs matter."""
 
 from __future__ import annotations
 
 import json
+from functools import lru_cache
 
 import numpy as np
 import pytest
-from scenes import call, motions, row
+import xarray as xr
+from scenes import call, hand_cube, motions, random_fill, row
 from scipy import stats
 
-from pounding_sweep import Sweep
+from pounding_sweep import Sweep, pulse_record
+from pounding_sweep.analysis import sensitivity
+from pounding_sweep.analysis.comparisons.sensitivity import bootstrap_intervals, index_rows, sobol_indices
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.output.merge import merge_cubes
-from pounding_sweep.output.netcdf import open_cube
+from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.request.build import build_spec
 from pounding_sweep.request.design import DISTRIBUTIONS, design_of, read_distribution
 from pounding_sweep.request.spec import digest, to_json
@@ -191,3 +196,192 @@ class TestRuns:
             assert {"design_sample", "gap", "period_factor_b"} & {*cube.coords} == set()
             assert {"scale", "restitution"} <= {*cube.coords}
             assert "design" not in json.loads(cube.attrs["sweep"])
+
+
+UNIFORM = {"distribution": "uniform", "low": 0.0, "high": 1.0}
+MATTERING = {
+    "gap": {"distribution": "uniform", "low": 0.002, "high": 0.02},
+    "scale": {"distribution": "uniform", "low": 0.8, "high": 1.2},
+    "damping_ratio": {"distribution": "uniform", "low": 0.02, "high": 0.08},
+}
+
+
+@lru_cache(4)
+def samples_of(samples, seed):
+    """Return the points of a Saltelli design of the package, shape (blocks, samples, inputs)."""
+    design = {"kind": "saltelli", "samples": samples, "seed": seed, "inputs": dict.fromkeys(MATTERING, UNIFORM)}
+    spec = build_spec(scene="mate2015", records="el_centro", laws="linear", design=design)
+    return spec.design.shares.reshape(5, samples, 3)
+
+
+def evaluated(model, samples, seed=0):
+    return np.stack([model(block) for block in samples_of(samples, seed)])
+
+
+def ishigami(x):
+    """sin x1 + a sin^2 x2 + b x3^4 sin x1, each x uniform in -pi..pi (Ishigami & Homma 1990)."""
+    x = np.pi * (2.0 * x - 1.0)
+    return np.sin(x[..., 0]) + 7.0 * np.sin(x[..., 1]) ** 2 + 0.1 * x[..., 2] ** 4 * np.sin(x[..., 0])
+
+
+def ishigami_indices(a=7.0, b=0.1):
+    one = 0.5 * (1.0 + b * np.pi**4 / 5.0) ** 2
+    two = a**2 / 8.0
+    both = b**2 * np.pi**8 * (1.0 / 18.0 - 1.0 / 50.0)
+    return np.array([[one, two, 0.0], [one + both, two, both]]) / (one + two + both)
+
+
+WEIGHTS = np.array([0.0, 1.0, 4.5])
+
+
+def g_function(x):
+    """Product of (|4 x_i - 2| + a_i) / (1 + a_i) (Sobol' 1993)."""
+    return np.prod((np.abs(4.0 * x - 2.0) + WEIGHTS) / (1.0 + WEIGHTS), axis=-1)
+
+
+def g_function_indices():
+    parts = 1.0 / (3.0 * (1.0 + WEIGHTS) ** 2)
+    whole = np.prod(1.0 + parts)
+    return np.array([parts, parts * whole / (1.0 + parts)]) / (whole - 1.0)
+
+
+@pytest.mark.parametrize(
+    ("model", "exact"), [(ishigami, ishigami_indices()), (g_function, g_function_indices())], ids=["ishigami", "g"]
+)
+def test_models_with_known_indices(model, exact):
+    few, many = (np.abs(sobol_indices(evaluated(model, n)) - exact).max() for n in (1 << 8, 1 << 12))
+    assert many < 5e-3
+    assert many < 0.2 * few  # they go on getting better
+
+
+@pytest.mark.slow
+def test_intervals_hold_the_known_indices_as_often_as_they_say():
+    exact, inside = ishigami_indices(), []
+    for seed in range(40):
+        low, high = bootstrap_intervals(evaluated(ishigami, 128, seed), 0.9, 200, seed)
+        inside.append((low <= exact) & (exact <= high))
+    # scrambled Sobol' points are better than random ones, which the bootstrap takes them for
+    assert 0.85 < np.mean(inside) <= 1.0
+
+
+def test_what_does_not_vary_has_no_indices():
+    rounded = evaluated(lambda x: 1.0 + 1e-12 * x[..., 0], 64)
+    assert np.isnan(sobol_indices(rounded)).all()
+    assert np.isnan(bootstrap_intervals(rounded, 0.9, 20)).all()
+    two = np.stack([evaluated(ishigami, 64), rounded], axis=1)
+    assert np.isfinite(sobol_indices(two)[0]).tolist() == [[True, False]] * 3  # the one beside is not touched by it
+
+
+# -- of a sweep --------------------------------------------------------------------------------------------------------
+
+
+def study(**changes):
+    settings = {"laws": ["linear", "none"], "records": "el_centro", "dt": 0.005, "audit": 0.0, "method": "rk4"}
+    settings |= {"outputs": ["displacement_max", "impact_force_max", "first_impact_time"]}
+    settings |= {"design": {"kind": "saltelli", "samples": 32, "seed": 2, "inputs": MATTERING}}
+    return Sweep(**{"scene": "mate2015", **settings, **changes})
+
+
+@pytest.fixture(scope="module")
+def cube(stub_module):
+    return study().run(workers=1)
+
+
+def test_indices_of_a_sweep(cube):
+    """As by hand, from the rows of the cube; without pounding the gap is nothing and the scale almost all."""
+    result = sensitivity(cube, resamples=50)
+    assert result["law"].values.tolist() == ["linear", "none"]
+    assert result["record"].values.tolist() == ["el_centro", "el_centro"]
+    assert result["input"].values.tolist() == [*MATTERING]
+    assert "first_impact_time_first" not in result
+    table = cube["displacement_max"].values.reshape(2, 5, 32, 3, 3)
+    for law in range(2):
+        for what, indices in zip(("first", "total"), sobol_indices(table[law].transpose(0, 2, 3, 1)), strict=True):
+            np.testing.assert_allclose(result[f"displacement_max_{what}"].values[law], indices, atol=1e-12)
+    still = result["displacement_max_total"].isel(group=1)
+    assert (still.sel(input="gap") == 0.0).all()
+    assert (still.sel(input="scale") + still.sel(input="damping_ratio") == pytest.approx(1.0, abs=0.25)).all()
+    assert (result["displacement_max_samples"] == 32).all()
+    low, high = (result["displacement_max_total_interval"].sel(bound=end) for end in ("lower", "upper"))
+    assert bool((low <= high).all())
+
+
+def test_failed_scenarios_take_their_point_along(cube):
+    status = cube["status"].copy(deep=True)
+    status[{"case": [3, 32 * 2 + 7]}] = 1
+    samples = sensitivity(cube.assign(status=status), ["displacement_max"], resamples=10)["displacement_max_samples"]
+    assert (samples.isel(group=0) == 30).all()
+    assert (samples.isel(group=1) == 32).all()
+
+
+def test_rows_may_stand_in_any_order(cube):
+    mixed = cube.isel(case=np.random.default_rng(0).permutation(cube.sizes["case"]))
+    one, two = (sensitivity(each, ["displacement_max"], resamples=10) for each in (cube, mixed))
+    xr.testing.assert_equal(one, two)
+
+
+def test_other_axes_are_told_apart_and_records_may_be_drawn(stub_engine):
+    design = {"kind": "saltelli", "samples": 16, "inputs": {**MATTERING, "record": {"distribution": "any"}}}
+    pulse = pulse_record("sine", amplitude=2.0, period=0.6, dt=0.02, name="pulse")
+    other = study(design=design, records=["el_centro", pulse], stiffness_factors=[1.0, 2.0])
+    result = sensitivity(other.run(workers=1), ["displacement_max"], resamples=10)
+    assert result["record"].values.tolist() == ["drawn"] * 3
+    assert result["beside"].values.tolist() == ["stiffness_factor=1.0", "stiffness_factor=2.0", ""]
+    assert float(result["displacement_max_total"].sel(input="record").min()) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("make", "arguments", "message"),
+    [
+        (lambda cube: cube.isel(case=slice(1, None)), {}, "1 of the 160 points of the design with linear are not in"),
+        (lambda cube: cube, {"variables": ["impuls"]}, "unknown output 'impuls'"),
+        (lambda cube: cube, {"confidence": 2.0}, r"confidence: 2 is not in \(0, 1\)"),
+        (
+            lambda _: study(design={"kind": "sobol", "samples": 4, "inputs": MATTERING}).run(workers=1),
+            {},
+            'kind "saltelli", and this cube is a part of one of kind "sobol"',
+        ),
+        (
+            lambda _: study(design=None, gaps=[0.01]).run(workers=1),
+            {},
+            "needs an axis of several values, or a design",
+        ),
+    ],
+)
+def test_what_can_not_be_done(cube, stub_engine, make, arguments, message):
+    with pytest.raises(InputError, match=message):
+        sensitivity(make(cube), **arguments)
+
+
+@pytest.mark.parametrize("lost", [[], [1, 4]])
+def test_shares_of_a_grid(lost):
+    """As sums of squares over rows of a table, without those that are not ok or have no contact."""
+    axes = {"law": ["none", "linear"], "gap": [0.1, 0.2, 0.3], "record": ["one", "two"], "scale": [1.0]}
+    status = np.zeros((2, 6))
+    status[1, lost] = 1
+    made = hand_cube(axes, random_fill(3, "drift_max"), status=status.reshape(2, 3, 2, 1))
+    result = sensitivity(made, ["drift_max"]).isel(group=0).sel(building="a", storey=2)
+    rows = made.drift_max.where(made.status == 0).sel(law="linear", building="a", storey=2).to_series().dropna()
+    squares, names = rows.groupby, {"gap": "gap (m)", "record": "record"}
+    for axis, other in (("gap", "record"), ("record", "gap")):
+        one, whole = result.sel(input=names[axis]), ((rows - rows.mean()) ** 2).sum()
+        means = squares(axis).transform("mean")
+        assert one.drift_max_first == pytest.approx(((means - rows.mean()) ** 2).sum() / whole)
+        assert one.drift_max_total == pytest.approx(((rows - squares(other).transform("mean")) ** 2).sum() / whole)
+        assert one.drift_max_mean_interval.values.tolist() == pytest.approx([means.min(), means.max()])
+        at = [squares(axis).mean().idxmin(), squares(axis).mean().idxmax()]
+        assert one.drift_max_at_interval.values.tolist() == at
+    assert result.drift_max_samples == 6 - len(lost)
+    assert len(index_rows(sensitivity(made, ["drift_max"]))) == 2 * 3
+
+
+def test_command(cube, tmp_path):
+    path, out = write_cube(cube, tmp_path / "a.nc"), tmp_path / "out"
+    result = call("compare", path, "--what", "sensitivity", "-o", out, "--json")
+    rows = json.loads(result.stdout)["sensitivity"]["rows"]
+    assert {row["variable"] for row in rows} == {"displacement_max", "impact_force_max"}
+    assert rows == index_rows(sensitivity(cube))
+    assert len(rows) == 3 * (2 * 9 + 6)
+    assert rows[0].keys() >= {"variable", "law", "record", "building", "storey", "input", "first", "total_lower"}
+    assert [row["total"] for row in rows[:3]] == sorted((row["total"] for row in rows[:3]), reverse=True)
+    assert (out / "sensitivity.csv").exists()
