@@ -105,7 +105,7 @@ def certify(
     pairs = list(product(chosen, RESTITUTION_BASES))
     forms = np.array([[_closed_form(*pair, e) for e in nominal.tolist()] for pair in pairs])
     analytic, number = np.moveaxis(forms, -1, 0)
-    slowest = float(np.min(analytic, where=analytic > 0.0, initial=1.0))
+    slowest = np.min(analytic, where=analytic > 0.0, initial=1.0)
     numerics = Numerics(method, DURATION / steps)
     record = Record("quiet", DURATION * (20.0 + 2.0 * slowest**-0.6), np.zeros(2))  # the masses have met and parted
     floors = [Building(name, [MASS], [NO_STIFFNESS], damping_ratio=0.0) for name in ("left", "right")]

@@ -98,7 +98,7 @@ class Batch:
         rows, scene = np.flatnonzero(self.step(numerics) <= self.stable_step(numerics.method)), self.scene
         names = registry.cube_variables(self.outputs)
         values = {name: np.full((len(self), *registry.inner_shape(name, scene)), np.nan) for name in names}
-        values["status"] = np.full(len(self), int(Status.BEYOND_STABILITY_LIMIT))
+        values["status"] = np.full(len(self), Status.BEYOND_STABILITY_LIMIT)
         if len(rows):
             task = ChunkTask(self.kernel(numerics), self.record, self.table[rows], variants_of(scene), self.outputs)
             part = run_scenarios(task)
@@ -149,7 +149,7 @@ def on_bases(share: float, stiffer: float, damping: float) -> Scene:
     """Return `pair` on foundations of so much of its mass, its stiffness and damping."""
     buildings = []
     for building in pair().buildings:
-        mass, arm = sum(building.masses), float(building.elevations[-1]) ** 2
+        mass, arm = sum(building.masses), building.elevations[-1] ** 2
         stiffness = stiffer * building.storey_stiffnesses[0]
         sway = share * mass, stiffness, 2.0 * damping * math.sqrt(stiffness * mass * (1.0 + share))
         foundation = Foundation(*(value * factor for value in sway for factor in (1.0, arm)))
@@ -335,7 +335,7 @@ def random_batches(scenes: int, seed: int, laws: Sequence[Law]) -> list[Batch]:
         rng, law = np.random.default_rng([seed, i]), laws[i % len(laws)]
         scene = _random_scene(rng, ("left", "right") if (i // len(laws)) % 2 == 0 else ("left",))
         # a gap is met only if the buildings move as far: drawn around the displacement of the softest one
-        period, pga = max(float(b.periods[0]) for b in scene.buildings), _log(rng, 0.05, 20.0)
+        period, pga = max(b.periods[0] for b in scene.buildings), _log(rng, 0.05, 20.0)
         reach = pga * (period / (2.0 * math.pi)) ** 2
         gaps = reach * 10.0 ** rng.uniform(-3.0, 0.5, (LANES, len(scene.pair_names)))
         gaps[rng.random(gaps.shape) < 0.1] = 0.0
@@ -352,7 +352,7 @@ def random_batches(scenes: int, seed: int, laws: Sequence[Law]) -> list[Batch]:
 
 
 def _log(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+    return np.exp(rng.uniform(np.log(low), np.log(high)))
 
 
 def _random_scene(rng: np.random.Generator, names: Sequence[str]) -> Scene:
@@ -362,7 +362,7 @@ def _random_scene(rng: np.random.Generator, names: Sequence[str]) -> Scene:
         plain = oscillator(name, _log(rng, 0.05, 3.0), _log(rng, 1.0, 1e4), len(names))
         factors = rng.uniform(0.5, 2.0, (2, 2)) if len(names) == 2 else np.ones((2, 1))
         masses, stiffnesses = (factors * [plain.masses, plain.storey_stiffnesses]).tolist()
-        buildings.append(Building(name, masses, stiffnesses, float(rng.choice([0.0, 0.02, 0.05, 0.2, 0.6]))))
+        buildings.append(Building(name, masses, stiffnesses, rng.choice([0.0, 0.02, 0.05, 0.2, 0.6])))
     return row(*buildings, *([Wall()] if len(names) == 1 else []))
 
 
@@ -441,7 +441,7 @@ def sensitive_rows(batch: Batch, reference: Reference, rows: np.ndarray) -> np.n
     sensitive = np.zeros(len(rows), bool)
     expected = {name: values[rows] for name, values in reference.values.items()}
     method = reference_scheme(batch.scene, batch.table.gaps)
-    numerics = Numerics(method, float(np.nanmin(reference.step[rows])))
+    numerics = Numerics(method, np.nanmin(reference.step[rows]))
     for change in (CHANGE, -CHANGE):  # a touch that just comes goes with more gap, and the reverse
         moved = replace(batch, table=changed(batch.table[rows], change))
         sensitive |= peak_error(moved.run(numerics), expected) > OK_CLAIM

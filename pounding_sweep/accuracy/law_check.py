@@ -165,8 +165,8 @@ def solved_restitution(
         variables = {"d": d, "r": math.sqrt(max(d, 0.0)), "k": k, "c": c}
         elastic_force = formulas.value(elastic, variables, formulas.ON_ARRAYS)
         if damper is None or (law.approach_only and v <= 0.0) or (law.rebound_only and v >= 0.0):
-            return float(elastic_force)
-        return float(elastic_force + formulas.value(damper, variables, formulas.ON_ARRAYS) * v)
+            return elastic_force
+        return elastic_force + formulas.value(damper, variables, formulas.ON_ARRAYS) * v
 
     def motion(_: float, y: np.ndarray) -> list[float]:
         return [y[1], -force(y[0], y[1]) / mass]
@@ -180,6 +180,6 @@ def solved_restitution(
 
     def parted(_: float, y: np.ndarray) -> float:
         by_depth = law.tension or law.approach_only or law.rebound_only
-        return float(y[0] if by_depth else min(y[0], force(y[0], y[1])))
+        return y[0] if by_depth else min(y[0], force(y[0], y[1]))
 
-    return float(-run([deepest, 0.0], parted)[1] / speed)
+    return -run([deepest, 0.0], parted)[1] / speed

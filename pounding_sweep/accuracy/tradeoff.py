@@ -91,7 +91,7 @@ Values = dict[str, np.ndarray]
 def run_rows(plan: Plan, table: Scenarios, steps: np.ndarray, outputs: Sequence[str], closing: bool = False) -> Values:
     """Run scenarios of a plan, at `steps` per record interval, as a sweep does; variables of shape (rows, *inner)."""
     values = {name: np.full((len(table), *inner_shape(name, plan.spec.scene)), np.nan) for name in outputs}
-    values["status"] = np.full(len(table), int(Status.NOT_RUN))
+    values["status"] = np.full(len(table), Status.NOT_RUN)
     for law in np.unique(table.law).tolist():
         of_law = np.flatnonzero(table.law == law)
         for index, count, places in table[of_law].by_step(steps[of_law]):
@@ -113,7 +113,7 @@ def find_touching(plan: Plan) -> np.ndarray:
     """Rows of the plan's unique table in which floors can meet, found by runs without pounding."""
     one, table = np.ones(len(plan.variants)), plan.uncoupled_runs
     limit = largest_step(plan.variants, plan.laws[-1], 0.0 * one, one, method="rk4")
-    alone = at_step(plan, replace(plan.numerics, method="rk4", dt=min(CLOSING_STEP, 0.5 * float(limit.min()))))
+    alone = at_step(plan, replace(plan.numerics, method="rk4", dt=min(CLOSING_STEP, 0.5 * limit.min())))
     steps = alone.uncoupled_steps[table.record, 0]
     return ~untouched(plan, run_rows(alone, table, steps, ("closing_max",), closing=True)["closing_max"])
 
@@ -206,7 +206,7 @@ def plan_trial(
     finest = axes["step"][-1]
     plan = make_plan(replace(spec, method="rk4", dt=finest, locate=True, precision="float64", accuracy=None))
     sample = draw(plan, scenarios, seed)
-    stable = REFERENCE_SHARE * float(plan.limit[sample.touching].min())
+    stable = REFERENCE_SHARE * plan.limit[sample.touching].min()
     exact = (name for name in SCHEMES if SCHEMES[name].flies_exactly and SCHEMES[name].refuses(spec.scene) is None)
     method = next(exact, "rk4")
     finer = REFINEMENT if SCHEMES[method].flies_exactly else 1.0  # than steps alone make it
@@ -400,7 +400,7 @@ def summarise(measured: xr.Dataset) -> xr.Dataset:
 
     costs = [(runs.scenario_law == law, runs.law_cost.sel(law=law, drop=True)) for law in runs.law.values]
     by_law = xr.concat([summary(*law) for law in costs], runs.law).drop_vars("resolution")
-    codes = xr.DataArray([int(status) for status in STATUS], {"status": runs.status}, dims="status")
+    codes = xr.DataArray(list(STATUS), {"status": runs.status}, dims="status")
     reference = statistics(runs.scenario_reference_error, populations(xr.ones_like(sensitive)))
     by_law = by_law.rename({name: f"law_{name}" for name in by_law.data_vars})
     trade = runs.assign(summary(True, runs.cost)).assign(by_law)

@@ -324,7 +324,7 @@ class Building:
             return
         stiff = self._without_weights
         root = 1.0 / np.sqrt(self.masses)
-        factor = (2.0 * math.pi / self.period) ** 2 / float(np.linalg.eigvalsh(stiff * np.outer(root, root))[0])
+        factor = (2.0 * math.pi / self.period) ** 2 / np.linalg.eigvalsh(stiff * np.outer(root, root))[0]
         if self.infill is not None:
             walls = tuple(factor * k for k in self.infill_stiffnesses)
             set_fields(self, infill_stiffnesses=walls, infill=replace(self.infill, stiffnesses=walls))
@@ -424,7 +424,7 @@ class Building:
                 fault((name,), f"is not symmetric: entries {i + 1}, {j + 1} and {j + 1}, {i + 1} are {entries}")
                 continue
             set_fields(self, **{name: tuple(map(tuple, (0.5 * (matrix + matrix.T)).tolist()))})
-            lowest = float(np.linalg.eigvalsh(matrix)[0])
+            lowest = np.linalg.eigvalsh(matrix)[0]
             if name == "stiffness_matrix" and not lowest > 0.0:
                 fault((name,), f"is not positive definite: its lowest eigenvalue is {lowest:.4g} kN/m")
             if name == "damping_matrix" and lowest < -SYMMETRIC * np.abs(matrix).max():
@@ -444,7 +444,7 @@ class Building:
                     f"1; give it a stiffness above P / h = {self.geometric_stiffnesses[storey]:.4g} kN/m, or leave out "
                     "p_delta",
                 )
-        if self.stiffness_matrix is not None and (lowest := float(np.linalg.eigvalsh(self.lateral_matrix)[0])) <= 0.0:
+        if self.stiffness_matrix is not None and (lowest := np.linalg.eigvalsh(self.lateral_matrix)[0]) <= 0.0:
             why = f"the lowest eigenvalue of what the weights leave of stiffness_matrix is {lowest:.4g} kN/m"
             fault(("p_delta",), f"the building does not stand under its weight: {why}; leave out p_delta")
             return

@@ -168,7 +168,7 @@ def typical(
     heights = np.arange(1.0, storeys + 1.0) * storey_height
     if isinstance(period, str):
         coefficient, power = CODE_PERIODS[period][0 if kind == "frame" else 1]
-        period = coefficient * float(heights[-1]) ** power
+        period = coefficient * heights[-1] ** power
     return {
         "masses": (floor_mass,) * storeys,
         "stiffness_matrix": np.linalg.inv(cantilever_flexibility(heights / heights[-1], alpha)),

@@ -251,7 +251,7 @@ def _completed(law: Law) -> dict[str, Any]:
             e = _NOMINAL[wrong][0]
             raise LawError(f"damping number {number!r} at e = {e:.3g} must be a number >= 0 for every 0 < e <= 1")
     spring = _force(elastic, n, "elastic")
-    power = float(np.round(np.log2(spring[1] / spring[0]), 6))
+    power = np.round(np.log2(spring[1] / spring[0]), 6)
     if power != round(n, 6):
         raise LawError(f"elastic {elastic!r} begins as d^{power:g}, and the exponent is {n:g}; make them agree")
     relation, factor = law.relation, law.relation_factor
@@ -294,7 +294,7 @@ def _is_slope(text: str, force: str) -> bool:
     """Whether a formula is the derivative of another one by d."""
     step = 1e-4 * _DEPTHS
     rise = (_tried(force, _DEPTHS + step) - _tried(force, _DEPTHS - step)) / (2.0 * step)
-    return bool(np.allclose(_tried(text, _DEPTHS), rise, rtol=1e-5, atol=1e-9))
+    return np.allclose(_tried(text, _DEPTHS), rise, rtol=1e-5, atol=1e-9)
 
 
 def _force(text: str, exponent: float | None, what: str) -> np.ndarray:
@@ -315,7 +315,7 @@ def _force(text: str, exponent: float | None, what: str) -> np.ndarray:
 
 def _relation(law: Law, spring: np.ndarray, dashpot: np.ndarray) -> tuple[str, float]:
     """Relation between damping number and restitution, and the factor of the number; ("", 1) where none is known."""
-    n = float(law.exponent or 1.0)
+    n = law.exponent or 1.0
     if law.damping == "elastic" and _is_constant(ratio := dashpot / spring):
         name = "approach" if law.approach_only else "rebound" if law.rebound_only else "both_phases"
         return name, float(np.round(ratio[0], 12))
@@ -475,7 +475,7 @@ def rubber_bumper(
         damper=f"c*{shape}",
         damping="elastic",
         rebound_only=True,
-        thickness=float(thickness),
+        thickness=thickness,
         reference_stiffness=stiffness,
         formula=(
             f"F = E on approach, max(0, E (1 + D v / v0)) on rebound; E = k d^{exponent:g} as far as {flat:g} m, "

@@ -95,7 +95,7 @@ def meetings(left: Building, right: Building, tolerance: float) -> tuple[list[tu
         below = storeys[floors]
         xi = (middles[floors] - levels[below]) / np.diff(levels)[below]
         facing.append(list(map(Facing, floors.tolist(), below.tolist(), xi.tolist())))
-    return [(int(s), int(t)) for s, t in level], facing
+    return [(s, t) for s, t in level.tolist()], facing
 
 
 def contacts_of(

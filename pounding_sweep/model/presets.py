@@ -106,7 +106,7 @@ def base_isolated(
     w, total = 2.0 * math.pi / period, sum(masses)
     soft = total * w**2
     stiff = soft + strength / yield_drift
-    share = 2.0 * float(np.ravel(building.damping_ratio)[0]) / float(building.frequencies[0])
+    share = 2.0 * np.ravel(building.damping_ratio)[0] / building.frequencies[0]
     walls = {name: [0.0, *building.of_infill(name)] for name in ("stiffnesses", "yield_strengths", "hardening")}
     k_and_c = zip(np.add(building.stiffnesses, walls["stiffnesses"][1:]), building.dashpots or (0.0,) * n, strict=True)
     assert building.storey_heights is not None

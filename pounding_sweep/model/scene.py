@@ -233,9 +233,9 @@ class Bumper:
         """Coefficient of the damper of contacts of some effective masses (t), see `Law.damping_coefficient`."""
         return self.law.damping_coefficient(self.restitution, self.stiffness, mass, basis)
 
-    def quickening(self, basis: str) -> float:
+    def quickening(self, basis: str) -> Any:
         """See `Law.quickening`."""
-        return float(self.law.quickening(self.restitution, basis))
+        return self.law.quickening(self.restitution, basis)
 
 
 @checked
@@ -489,7 +489,7 @@ class Scene:
             groups = [(x, [c for c in group if c.storey in limits.get(name, meeting)]) for x, group in groups]
             for label, remaining in (*groups, *self._restrained(pair, starts, groups[0][1])):
                 for contact in remaining:
-                    mass = float(effective_mass(contact.ends, masses))
+                    mass = effective_mass(contact.ends, masses)
                     contacts.append(replace(contact, place=len(labels), mass=mass))
                 labels += [(label, pair)] if remaining or label == name else []
         stories = [(building, storey) for building in self.buildings for storey in range(building.n_storeys)]
@@ -546,7 +546,7 @@ class Scene:
     def _starts(self) -> tuple[int, ...]:
         """First degree of freedom of each of the row; of a wall, of its right neighbour."""
         counts = [item.n_storeys if isinstance(item, Building) else 0 for item in self.row]
-        return tuple(int(i) for i in np.cumsum([0, *counts[:-1]]))
+        return (0, *itertools.accumulate(counts[:-1]))
 
     @cached_property
     def springs(self) -> tuple[Spring, ...]:

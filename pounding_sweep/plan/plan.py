@@ -255,7 +255,7 @@ class Plan:
             late = np.abs(motion.acceleration[-1 - int(longest / REST_PERIODS / motion.dt) :]).max()
             strong = max(1.0, LATE * late / motion.pga) if motion.pga else 1.0
             rest = small * math.log(strong) / math.log(1.0 / SMALL_MOTION)
-        return float(rest / motion.dt)
+        return rest / motion.dt
 
     def sample(self, rows: np.ndarray) -> np.ndarray:
         """Return rows to be run twice before one run of each may be enough; none where they are most of the cost."""
@@ -325,7 +325,7 @@ class Plan:
         if len(self.uncoupled_to_run):
             rows.append(("", "(scenarios that never touch are skipped after the no-contact run)"))
         if self.refused.any():
-            stable = f"every scenario is stable at dt <= {float(self.limit[self.refused].min()):.3g} s"
+            stable = f"every scenario is stable at dt <= {self.limit[self.refused].min():.3g} s"
             remedy = f"{registry.Status.BEYOND_STABILITY_LIMIT.remedy}; {stable}"
             rows.append(("refused", f"{plan['refused']}: beyond the stability limit; {remedy}"))
         rows += [("kernels", f"{plan['kernels']}{kernels}"), ("steps", f"{steps} per scenario")]
@@ -359,7 +359,7 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
 
     def repeated(column: np.ndarray) -> np.ndarray:
         """Return a column for all scenarios; where all rows agree, in the memory of one."""
-        constant = len(column) > 0 and bool((column == column[0]).all())
+        constant = len(column) > 0 and (column == column[0]).all()
         return np.broadcast_to(column[0], len(unique)) if constant else np.repeat(column, repeats)
 
     uncoupled_runs, uncoupled_of = scenarios.uncoupled_runs_of(unique, len(laws) - 1)

@@ -106,7 +106,7 @@ def doubts(spec: SweepSpec) -> list[str]:
         over = np.divide(building.yield_strengths or np.inf, carried).tolist()
         check("strength", [named for named in zip(storeys, over, strict=True) if math.isfinite(named[1])])
         texts += _weight_like(building)
-        check("period", [(name, p * float(building.periods[0])) for p in periods])
+        check("period", [(name, p * building.periods[0]) for p in periods])
         check("damping", [(name, z) for z in (spec.damping_ratios or np.atleast_1d(building.damping_ratio).tolist())])
     motions = np.broadcast_arrays(requested.record, requested.values["scale"])
     pairs = dict.fromkeys(zip(*(column.ravel().tolist() for column in motions), strict=True))
@@ -125,14 +125,14 @@ def doubts(spec: SweepSpec) -> list[str]:
         check(kind, [("", k) for k in dict.fromkeys(stiffness[exponent == power].tolist())])
     if bare.any() and not any(scene.row == preset.scene.row for preset in PRESETS.values()):
         softest, below = (
-            float(stiffness[bare].min()),
+            stiffness[bare].min(),
             np.concatenate([b.stiffnesses or b.lateral_stiffnesses for b in scene.buildings]),
         )
         ratios: dict[str, float] = {}  # of floors that meet without bumpers, walls left out
         for contact, bumper in zip(scene.contacts, scene.bumper_of, strict=True):
             if bumper is None and min(contact.left, contact.right) >= 0:
                 name, ratio = scene.pair_names[contact.pair], softest / below[[contact.left, contact.right]].min()
-                ratios[name] = max(float(ratio), ratios.get(name, 0.0))
+                ratios[name] = max(ratio, ratios.get(name, 0.0))
         check("contact", ratios.items())
     return texts
 
@@ -150,7 +150,7 @@ def record_doubts(record: Record) -> list[str]:
         texts.append(f"has values of {marks[0]:g} {record.reading.unit}, which mark what is missing; cut or mend them")
     if record.duration < 1.0:
         texts.append(f"lasts {record.duration:.3g} s: is it a whole record, and is its step right?")
-    measures, mean = record_measures(record), float(record.acceleration.mean())
+    measures, mean = record_measures(record), record.acceleration.mean()
     if abs(mean) > 0.05 * record.pga:
         texts.append(f"has a mean of {mean / record.pga:.0%} of its PGA: an offset; take it out")
     elif abs(measures.end_velocity) > 0.5 * measures.pgv:
@@ -173,12 +173,12 @@ _ODD_SCALES: tuple[tuple[Callable[[float], bool], str], ...] = (
 
 def _weight_like(building: Building) -> list[str]:
     """Say that the masses of a building look like its weights in kN, if they do."""
-    mass = float(np.median(building.masses))
+    mass = np.median(building.masses)
     # A uniform shear building of these medians, which one soft storey of an isolated one does not change.
     storeys = building.n_storeys
     slowness = math.pi / math.sin(0.5 * math.pi / (2 * storeys + 1)) / storeys
-    uniform = slowness * math.sqrt(mass / float(np.median(building.storey_stiffnesses)))
-    period = np.fmin(float(building.on_fixed_base.periods[0]) / storeys, uniform)
+    uniform = slowness * math.sqrt(mass / np.median(building.storey_stiffnesses))
+    period = np.fmin(building.on_fixed_base.periods[0] / storeys, uniform)
     if storeys < 2 or mass < WEIGHT_LIKE[0] or period < WEIGHT_LIKE[1]:
         return []
     return [
@@ -199,7 +199,7 @@ def doubts_of(variants: Variants, largest: Mapping[str, np.ndarray], laws: Itera
         if text := LIMITS["drift"].doubt(zip(places, ratios.tolist(), strict=True)):
             yield f"{text}; a linear spring knows nothing of a storey that has failed"
         shares = floors / variants.yield_drifts.min(axis=0)
-        if any(scene.yields) and 0.0 < (most := float(shares.max())) < _ELASTIC:
+        if any(scene.yields) and 0.0 < (most := shares.max()) < _ELASTIC:
             yield (
                 f"no storey reaches {_ELASTIC:.0%} of its yield drift: the largest share is {most:.2g} "
                 f"({places[int(shares.argmax())]}), and the row stays elastic; likely yield_strengths in N given for kN"
@@ -207,8 +207,6 @@ def doubts_of(variants: Variants, largest: Mapping[str, np.ndarray], laws: Itera
     depths = largest.get("penetration_max")
     bare = [contact for contact, bumper in zip(scene.contacts, scene.bumper_of, strict=True) if bumper is None]
     if depths is not None and not any(law.thickness for law in laws):
-        named = (
-            (f"{scene.pair_labels[c.place]}, storey {c.storey}", float(depths[c.place, c.storey - 1])) for c in bare
-        )
+        named = ((f"{scene.pair_labels[c.place]}, storey {c.storey}", depths[c.place, c.storey - 1]) for c in bare)
         if text := LIMITS["penetration"].doubt(named):
             yield f"{text}; give floors a stiffer contact, or bumpers"

@@ -162,7 +162,7 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher, check: bool = Fa
         error, _ = compared(sample, None if accuracy is None else CONVERGED * accuracy)
         again = np.flatnonzero((status == Status.OK) & (error.max(axis=1) > tolerance))
         # what no step settles takes the most of them: so many scenarios are followed as take no longer than the audit
-        longest = 2.0 ** (MOST_HALVINGS + 1) * float(seconds.mean())
+        longest = 2.0 ** (MOST_HALVINGS + 1) * seconds.mean()
         again = again[: max(LANES, int(max(LEAST_SECONDS, share * seconds.sum()) / longest))]
         if len(again):
             error[again], ended = compared(sample[again], CONVERGED * tolerance)

@@ -97,7 +97,7 @@ class ImposedSpring(Sampled):
             return np.concatenate([flow, law.lost(self, start + t * change, slip, flow)])
 
         begins = np.concatenate([self.slip, self.travel])
-        smallest = _TOLERANCE * float(np.min(law.reach(self)))
+        smallest = _TOLERANCE * np.min(law.reach(self))
         path = solve_ivp(rates, (0.0, 1.0), begins, method="DOP853", rtol=_TOLERANCE, atol=smallest)
         self.imposed, (self.slip, self.travel) = drift, np.split(path.y[:, -1], 2)
 

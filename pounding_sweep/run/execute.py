@@ -191,7 +191,7 @@ def execute(
         run_stage = partial(_run_stage, outcome, dispatcher, store, earlier)
         runs = len(plan.uncoupled_runs)
         closing = np.full((runs, *inner_shape("closing_max", plan.spec.scene)), np.inf)
-        slot, status = np.full(runs, -1), np.full(runs, int(Status.NOT_RUN), np.int8)
+        slot, status = np.full(runs, -1), np.full(runs, Status.NOT_RUN, np.int8)
         for rows, table, slots in run_stage(twice, "no pounding", plan.uncoupled_to_run):
             status[rows], slot[rows] = table["status"], slots
             ok = np.isin(table["status"], VALID)
@@ -317,5 +317,5 @@ def measured_seconds(plan: Plan) -> float | None:
         started = time.perf_counter()
         run_scenarios(task)
         seconds = (time.perf_counter() - started) / len(group)
-        total += float(plan.seconds_of(of_law).sum()) * seconds / plan.scenario_seconds(record, steps)
+        total += plan.seconds_of(of_law).sum() * seconds / plan.scenario_seconds(record, steps)
     return total

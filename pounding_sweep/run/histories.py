@@ -130,4 +130,4 @@ def instants_in_contact(one: xr.Dataset) -> float:
         return np.inf
     floors = one["penetration"].fillna(0.0).stack(floor=("pair", "storey")).transpose("floor", "time").values
     is_open = floors[floors.max(axis=1).argmax()] <= 0.0
-    return float(np.diff(np.flatnonzero(np.concatenate([[True], is_open, [True]]))).max() - 1)
+    return np.diff(np.flatnonzero(np.concatenate([[True], is_open, [True]]))).max() - 1

@@ -85,7 +85,7 @@ class EarlierCube:
                 if not len(hits):
                     continue
                 table, places = read_rows(self.path, cube, where, kind)[hits], places[hits]
-                has_result = ~np.isin(table["status"], [int(Status.NOT_RUN), int(Status.BEYOND_STABILITY_LIMIT)])
+                has_result = ~np.isin(table["status"], [Status.NOT_RUN, Status.BEYOND_STABILITY_LIMIT])
                 if self._accuracies[0] != self._accuracies[1]:  # what did not settle to less may settle now
                     has_result &= table["status"] != Status.UNSETTLED
                 # what never touched may be from the kernel without contacts, if this sweep has not run that

@@ -144,7 +144,7 @@ def simulate(
     velocities = None if initial_velocity is None else _velocities(row, initial_velocity)
     approaches = [sum(share * velocities[i] for i, share in c.ends) for c in row.contacts if velocities]
     plan = make_plan(spec, initial_speed=max([0.0, *approaches]))
-    spec, steps, limit = plan.spec, int(plan.steps[0]), float(plan.limit[0])
+    spec, steps, limit = plan.spec, int(plan.steps[0]), plan.limit[0]
     longest = DEFAULT_STEP if output_step is None and spec.accuracy is not None else output_step
     if longest is not None:
         if not (is_number(longest) and 0.0 < longest < math.inf):

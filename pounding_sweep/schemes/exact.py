@@ -96,7 +96,7 @@ class Exact(Explicit):
         why = super().refuses(scene, precision)
         if why is not None or scene.has_classical_modes or not all(spring.law.flies for spring in scene.springs):
             return why
-        error = float(coupled_modes(variants_of(scene), precision).error[0])
+        error = coupled_modes(variants_of(scene), precision).error[0]
         if error <= MAX_MODE_ERROR[precision]:
             return None
         return f"flies in modes, and those of this row's dashpots and links lose {error:.1g} of a motion in {precision}"

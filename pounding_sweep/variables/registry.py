@@ -250,9 +250,9 @@ class Status(IntEnum):
 #: Every status, by rising value.
 STATUS: tuple[Status, ...] = tuple(Status)
 #: Those of scenarios that have values.
-WITH_VALUES = [int(status) for status in STATUS if status.has_values]
+WITH_VALUES = [status for status in STATUS if status.has_values]
 #: Those of scenarios whose values are right, up to their fall if they end by one.
-VALID = [int(Status.OK), int(Status.COLLAPSED)]
+VALID = [Status.OK, Status.COLLAPSED]
 
 
 def _energy_residual(results: KernelResults) -> np.ndarray:
