@@ -18,7 +18,7 @@ from functools import reduce
 from pounding_sweep.kernel.group import Contact, Group, LaneLaw
 from pounding_sweep.kernel.roots import NEVER, Series, course, crossing, cubic_turn, first_crossing, root
 from pounding_sweep.kernel.types import Lanes, Truths
-from pounding_sweep.lanes import Cell, maximum, minimum, power, power_of, roughly_power, size, sqrt, when_any, where
+from pounding_sweep.lanes import Cell, fma, maximum, minimum, power, power_of, roughly_power, size, sqrt, when_any, where
 from pounding_sweep.model.laws import RESTING_SPEED
 from pounding_sweep.model.rebound import YIELD_SHARE
 
@@ -46,9 +46,9 @@ def declare_rows(group: Group) -> None:
     many = len(group.contacts)
     if group.touching:
         # mode, the next one and when it comes (in sub-steps); stiffness and damping in this mode, and of the law
-        # (kN/m, kN s/m); rate of approach (m/s); time since the touch, and of an elastic contact (s)
+        # (kN/m, kN s/m); rate of approach (m/s); time since the touch, that of an elastic contact (s) and its inverse
         group.declare(many, "mode", "next", "event", "k_active", "c_active", "k_law", "c_law")
-        group.declare(many, "fastest", "age", "duration")
+        group.declare(many, "fastest", "age", "duration", "pace")
         # penetration (m), its rate (m/s), the force (kN) and its rate at both ends of a sub-step; that of an
         # implicit step, and whether an event may be in it
         group.declare(many, "pen_start", "pen_end", "rate_start", "rate_end")
@@ -72,12 +72,13 @@ def longest_substep(group: Group, h: Lanes) -> Lanes:
         law = contact.law
         with when_any(closed := (contact.mode > OPEN) & (s["time_left"] > 0.0)):
             now, v = contact.penetration(), contact.between("v")
-            lasts, k, mass = contact.duration, contact.k_active, contact.reduced
+            # divisions of lanes take long: one of a mass that all share does not
+            lasts, pace, k, per = contact.duration, contact.pace, contact.k_active, 1.0 / contact.reduced
             if capped:
                 d = maximum(now + maximum(v, 0.0) * minimum(group.full(h), lasts), 0.0)
-                rate2 = law.elastic_slope(k, d) / mass
+                rate2 = law.elastic_slope(k, d) * per
                 if law.shape.damper:
-                    b = law.damper(contact.c_active, d) / mass
+                    b = law.damper(contact.c_active, d) * per
                     if group.spec.series:  # the size of the roots of x**2 + b x + w**2
                         b = 0.5 * b + sqrt(0.25 * b * b + rate2)
                     rate2 = maximum(rate2, b * b)
@@ -85,17 +86,17 @@ def longest_substep(group: Group, h: Lanes) -> Lanes:
                     soft = SOFTEST / h
                     rate2 = maximum(rate2, group.full(soft * soft))
                 fastest.now = maximum(fastest.now, where(closed, rate2, 0.0))
-            most = h / lasts
+            most = h * pace
             if group.spec.staged:
                 most = minimum(most, GRADED * group.prop("cap"))
             if law.touch_power > 1.0:
                 share = maximum(law.touch_share * most, law.least_share)
-                age = minimum(contact.age / lasts, LONG)
+                age = minimum(contact.age * pace, LONG)
                 x = _power(age, 1.0 / law.touch_power) + share
                 grown = lasts * (_power(x, law.touch_power) - age)
                 longest.now = minimum(longest.now, where(k > 0.0, grown, h))
             if law.release_power > 1.0:
-                rest = minimum(maximum(now, 0.0) / (-v * lasts), LONG)
+                rest = minimum(maximum(now, 0.0) * pace / -v, LONG)
                 share = maximum(law.release_share * most, law.least_share)
                 x = _power(rest, 1.0 / law.release_power) - share
                 shrunk = lasts * (rest - _power(x, law.release_power))
@@ -140,12 +141,17 @@ def update_penetrations(group: Group) -> Truths:
                 low, top, slips = contact.plastic, contact.plastic + contact.yield_depth, c > 0.0
                 leaves = (maximum(d1, minimum(early, late)) > top) | (minimum(d1, maximum(early, late)) < low)
                 may = may | ((mode == 1.0) & leaves) | ((mode == 2.0) & ((slips & (v1 < 0.0)) | (~slips & (v1 > 0.0))))
+            parts.now = may
             if is_capped(group):
                 cap, mass, deep = group.prop("cap"), contact.reduced, maximum(d0, d1)
-                may = may | (h * h * law.elastic_slope(k, deep) > (4.0 * cap * cap) * mass)
-                if law.shape.damper:
-                    may = may | (h * law.damper(c, deep) > (2.0 * cap) * mass)
-            parts.now = may
+                length = group.prop("longest") if group.spec.staged else h
+                # deeper than the sub-step was made for
+                deeper = closed & (d1 > fma(maximum(v0, 0.0), minimum(group.full(length), contact.duration), d0))
+                with when_any(deeper):
+                    fast = h * h * law.elastic_slope(k, deep) > (4.0 * cap * cap) * mass
+                    if law.shape.damper:
+                        fast = fast | (h * law.damper(c, deep) > (2.0 * cap) * mass)
+                    parts.now |= deeper & fast
         meets = maximum(d1, minimum(early, late)) > 0.0
         may_happen = where(closed, parts.now, meets)
         contact.may_change = where(may_happen, 1.0, 0.0)
@@ -365,7 +371,7 @@ def apply_events(group: Group, lands: Truths, h: Lanes) -> Truths:
             with when_any(touches):
                 v, k, c = contact.between("v"), contact.stiffness, contact.c
                 lasts = law.duration(k, v, contact.reduced)
-                contact.put(touches, duration=lasts, age=0.0)
+                contact.put(touches, duration=lasts, pace=1.0 / lasts, age=0.0)
                 s.put(touches, minimum(s["shortest", which], lasts), "shortest", which)
                 if law.shape.per_speed:
                     c = c / maximum(v, RESTING_SPEED)

@@ -143,7 +143,8 @@ def look_ahead(group: Group, h: Lanes) -> None:
     length = where(rest > 0.0, where(s["land"] > 0.0, s["ahead"], ahead), 0.0)
     s["h"] = length
     done, (start, end) = h - rest, (s[name] for name in ENDS_OF_STEP)
-    early, late = (start + (end - start) * (x / h) for x in (done, done + length))
+    rise = (end - start) * (1.0 / h)
+    early, late = (fma(x, rise, start) for x in (done, done + length))
     group.ground.go(where(done <= 0.0, start, early), where(length >= rest, end, late))
 
 
