@@ -262,6 +262,8 @@ def _find_event(group: Group) -> None:
     s["fraction"] = group.full(1.0)
     for contact in group.iter_contacts():
         contact.event, contact.next = group.full(NEVER), contact.mode
+        if group.spec.yielding:
+            contact.may_change = group.full(1.0)
     for spring in group.iter_springs(straight=False):
         spring.turn, spring.then = group.full(NEVER), group.full(0.0)
     for _, numbers, _ in _changes(group):
@@ -418,15 +420,22 @@ def _choose(group: Group, asks: Truths) -> _Choice:
         if not group.spec.yielding:
             _propose_contact(contact, choice, asks, per)
             continue
-        farthest, _ = _hull(group, *(contact.between(name) for name in ("u0", "u", "v0", "v")))
-        may_touch = farthest + _depth(contact).bulge(s["fraction"]) > contact.gap
-        mask = asks & ((contact.mode > OPEN) | may_touch)
+        # what the whole step rules out is not looked at again in a part of it
+        mask = asks & (contact.may_change > 0.0)
         with when_any(mask):
-            _propose_contact(contact, choice, mask, per)
+            farthest, _ = _hull(group, *(contact.between(name) for name in ("u0", "u", "v0", "v")))
+            may_touch = farthest + _depth(contact).bulge(s["fraction"]) > contact.gap
+            mask = mask & ((contact.mode > OPEN) | may_touch)
+            contact.may_change = where(mask, 1.0, 0.0)
+            with when_any(mask):
+                _propose_contact(contact, choice, mask, per)
     for spring in group.iter_springs(straight=False):
         for gauge, kinds in zip(hysteresis.gauges(spring), _kinds(spring), strict=True):
             if isinstance(gauge, DriftGauge):
-                _propose_ends(spring, gauge, kinds, choice, asks)
+                stays, goes_on = (s["ruled_out", kinds[0]] > 1.0), s["ruled_out", kinds[2]] > 0.0
+                mask = asks & ~((~gauge.ranged | stays) & ((gauge.way == 0.0) | goes_on))
+                with when_any(mask):
+                    _propose_ends(spring, gauge, kinds, choice, mask)
             else:
                 _propose_kink(spring, gauge, kinds[0], choice, asks)
     if group.spec.flowing:
@@ -511,6 +520,7 @@ def _propose_ends(spring: StoreySpring, gauge: DriftGauge, kinds: list[Index], c
         drift = _drift(spring, d0, 1.0)
         (most, least), bulge = _hull(group, d0, d1, v0, v1), drift.bulge(end)
         leaves, beyond = ranged & ((most + bulge > high) | (least - bulge < low)), (d1 > high) | (d1 < low)
+        s["ruled_out", above] = where(ranged & ~leaves, 2.0, s["ruled_out", above])
         # where it may turn twice, it may be beyond and back: half the step tells
         unseen = leaves & ~ends_step & (v0 * v1 >= 0.0) & ~beyond
         with when_any(unseen):
@@ -537,6 +547,7 @@ def _propose_ends(spring: StoreySpring, gauge: DriftGauge, kinds: list[Index], c
         last, per = s["span"] * v1, (1.0 / 3.0) * end
         early, late = fma(per, rate.read(1), rate.read(0)), fma(-per, rate.rate.value(end), last)
         turns = held & (minimum(gauge.way * last, minimum(gauge.way * early, gauge.way * late)) < rate.bulge(end))
+        s["ruled_out", turned] = where(held & ~turns, 1.0, s["ruled_out", turned])
         with when_any(turns):
             choice.propose(real(turned), turns, -gauge.way, rate, gauge.turned)
 
