@@ -282,14 +282,15 @@ def _find_event(group: Group) -> None:
     if group.spec.yielding:
         _place(group)
     events = len(group.contacts) + len(group.spec.hysteretic)
-    active = Cell(ongoing & (s["tries"] < MAX_TRIES))
+    active, ends = Cell(ongoing & (s["tries"] < MAX_TRIES)), group.cell(False)
     # what comes first is guessed, and looked for again before what was found, where what did not show at the end may
     for _ in while_any(lambda: active.now, at_most=4 * events + HALVINGS):
         choice = _choose(group, active.now)
         doubt = choice.doubt.now
         located = choice.located.now & ~doubt
-        active.now = located | doubt
-        with when_any(active.now):
+        active.now = doubt | (located & (choice.several.now | ends.now))
+        ends.now |= located
+        with when_any(doubt | located):
             s["fraction"] = where(doubt, 0.5 * s["fraction"], s["fraction"])
             _locate(group, located)
             if group.spec.yielding:
@@ -368,8 +369,15 @@ class _Choice:
         self.soonest, self.located = group.cell(NEVER), Cell(nobody)
         #: Lanes in which the step is too long to tell.
         self.doubt = Cell(nobody)
+        #: Lanes in which some change may come, and several may: then others than the one that is chosen.
+        self._some, self.several = Cell(nobody), Cell(group.full(bool(group.spec.flowing)))
         for row in ("bends", *(["event_row"] if group.spec.flowing else [])):
             group.state[row] = group.full(0.0)
+
+    def expect(self, lanes: Truths) -> None:
+        """Take note that a change may come in some lanes."""
+        self.several.now |= self._some.now & lanes
+        self._some.now |= lanes
 
     def propose(
         self, number: Index, lanes: Truths, sign: Lanes, series: Series, target: Lanes, leans: Truths = None
@@ -463,6 +471,7 @@ def _propose_contact(contact: Contact, choice: _Choice, asks: Truths, per: Lanes
         with when_any(lanes):
             stays = choice.propose(real(number), lanes, sign, series, target, leans)
             s["ruled_out", number] = where(lanes & stays, 1.0, s["ruled_out", number])
+            choice.expect(lanes & ~stays)
 
     sign = where(closed, -1.0, 1.0)
     # one that has touched but for a rounding error goes on, and one that has parted so does not touch
@@ -521,6 +530,7 @@ def _propose_ends(spring: StoreySpring, gauge: DriftGauge, kinds: list[Index], c
         (most, least), bulge = _hull(group, d0, d1, v0, v1), drift.bulge(end)
         leaves, beyond = ranged & ((most + bulge > high) | (least - bulge < low)), (d1 > high) | (d1 < low)
         s["ruled_out", above] = where(ranged & ~leaves, 2.0, s["ruled_out", above])
+        choice.expect(leaves)
         # where it may turn twice, it may be beyond and back: half the step tells
         unseen = leaves & ~ends_step & (v0 * v1 >= 0.0) & ~beyond
         with when_any(unseen):
@@ -548,6 +558,7 @@ def _propose_ends(spring: StoreySpring, gauge: DriftGauge, kinds: list[Index], c
         early, late = fma(per, rate.read(1), rate.read(0)), fma(-per, rate.rate.value(end), last)
         turns = held & (minimum(gauge.way * last, minimum(gauge.way * early, gauge.way * late)) < rate.bulge(end))
         s["ruled_out", turned] = where(held & ~turns, 1.0, s["ruled_out", turned])
+        choice.expect(turns)
         with when_any(turns):
             choice.propose(real(turned), turns, -gauge.way, rate, gauge.turned)
 
