@@ -477,7 +477,10 @@ def _propose_contact(contact: Contact, choice: _Choice, asks: Truths, per: Lanes
     # one that has touched but for a rounding error goes on, and one that has parted so does not touch
     inside = depth.read(0) > 0.0
     leans = where(closed, ~inside, inside & (depth.read(1) < 0.0))
-    propose(0, asks, sign, depth, where(closed, OPEN, PRESSING), leans)
+    parts = asks
+    if law.shape.clips and not law.shape.is_product:  # its force turns negative before it parts
+        parts = asks & ~(pressing & (contact.c_law > 0.0))
+    propose(0, parts, sign, depth, where(closed, OPEN, PRESSING), leans)
     if law.shape.approach_only:
         toward = where(pressing, -1.0, 1.0)
         propose(1, asks & closed, toward, depth.rate, where(pressing, REBOUND, PRESSING))
