@@ -18,7 +18,7 @@ from functools import reduce
 from pounding_sweep.kernel.group import Contact, Group, LaneLaw
 from pounding_sweep.kernel.roots import NEVER, Series, course, crossing, cubic_turn, first_crossing, root
 from pounding_sweep.kernel.types import Lanes, Truths
-from pounding_sweep.lanes import Cell, fma, maximum, minimum, power, power_of, roughly_power, size, sqrt, when_any, where
+from pounding_sweep.lanes import Cell, maximum, minimum, power, power_of, roughly_power, size, sqrt, when_any, where
 from pounding_sweep.model.laws import RESTING_SPEED
 from pounding_sweep.model.rebound import YIELD_SHARE
 
@@ -146,7 +146,7 @@ def update_penetrations(group: Group) -> Truths:
                 cap, mass, deep = group.prop("cap"), contact.reduced, maximum(d0, d1)
                 length = group.prop("longest") if group.spec.staged else h
                 # deeper than the sub-step was made for
-                deeper = closed & (d1 > fma(maximum(v0, 0.0), minimum(group.full(length), contact.duration), d0))
+                deeper = closed & (d1 > d0 + maximum(v0, 0.0) * minimum(group.full(length), contact.duration))
                 with when_any(deeper):
                     fast = h * h * law.elastic_slope(k, deep) > (4.0 * cap * cap) * mass
                     if law.shape.damper:
