@@ -17,7 +17,6 @@ from tempfile import mkdtemp
 from scenes import AXES, EVERY, OUTPUTS, motions, pair, row, yielding_pair
 
 import pounding_sweep as ps
-from benchmarks.experiments import make_frame
 from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.model.laws import LAWS
@@ -235,7 +234,6 @@ def kernels() -> tuple[KernelSpec, ...]:
         *(simulated(method, "kelvin_voigt", scene=LINKED) for method in LINKING),
         *(simulated(method, "kelvin_voigt", scene=FOUNDED) for method in FOUNDING),
         *(simulated(method, law, scene=MATRIX) for method, law in MATRICES.items()),
-        simulated("exact", "kelvin_voigt", scene=make_frame()),
         kernel_shape(yielding_pair(), LAWS["kelvin_voigt"], Numerics("exact", 5e-4), reducers_for(EVERY)),
         *(simulated(method, "kelvin_voigt", scene=STAGGERED) for method in ("rk4", "newmark")),
         simulated("rk4", "kelvin_voigt", scene=FRAMED),

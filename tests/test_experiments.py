@@ -23,6 +23,7 @@ def test_the_frame_has_the_measured_modes():
     assert -np.real(roots) / np.abs(roots) == pytest.approx(DAMPING, rel=0.05)
 
 
+@pytest.mark.slow  # a kernel of its own; links are held against the reference by day
 def test_the_ground_is_a_force_on_the_base():
     """Without contact two linked neighbours on moving ground are four free masses that a force drives."""
     force, ground = experiments.make_force(0)
@@ -36,6 +37,7 @@ def test_the_ground_is_a_force_on_the_base():
     assert np.abs(top - expected)[half:].max() < 0.01 * expected.std()  # the ground is a line between points
 
 
+@pytest.mark.slow
 def test_frequencies_rise_as_the_gap_closes():
     """On one noise: in the order of the gaps, modes 2 and 3 by about as much as measured at the smallest."""
     gaps = sorted(MEASURED)
