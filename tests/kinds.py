@@ -266,7 +266,7 @@ KINDS = {
         {"exact": (5e-3, 1e-8)},
         {"rk4": (5e-4, 2e-5), "newmark": (2.5e-4, 2e-3), **_EXACT},
         ("none", "linear", "hertz_damped", "stereomechanical"),
-        law="linear", points=126, scale=2.0, stores=("hysteretic",),
+        law="linear", points=96, scale=2.0, stores=("hysteretic",),
         acts=lambda got: (got.ductility_max > 3.0).sum() >= 3 and got.impact_count.sum() >= 3,
     ),
     "staggered": Kind(
