@@ -177,7 +177,7 @@ def _exists(cube: xr.Dataset, kind: Sequence[str]) -> np.ndarray:
     name, dims = _PLACES.get(tuple(kind), ""), [dim for dim in kind if dim in cube.dims]
     if name not in cube.coords or set(cube[name].dims) != set(dims):
         return np.ones([cube.sizes[dim] for dim in dims], bool)
-    return np.asarray(cube[name].transpose(*dims).notnull().values)
+    return cube[name].transpose(*dims).notnull().values
 
 
 def _inner_dims(array: xr.DataArray) -> tuple[str, ...]:
