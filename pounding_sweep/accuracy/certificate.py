@@ -83,7 +83,7 @@ def certify(
     -------
     xarray.Dataset
         On (law, basis, restitution): ``measured`` and ``analytic`` restitution and ``damping_number``; missing where
-        the law is not valid at that nominal value. Laws without damping are measured once for each value, all the same.
+        the law is not valid at that nominal value.
 
     Raises
     ------

@@ -80,8 +80,8 @@ def simulate(
         Velocity (m/s) of the floors relative to the ground at the start: one sequence (or number for all floors) per
         building, left to right.
     output_step : float, optional
-        Largest time (s) between instants of the histories; by default the step, where an accuracy chooses that at
-        most 1e-3 s. Peaks are located between instants: they may be larger than what the histories show.
+        Largest time (s) between instants of the histories; by default the step, where an accuracy chooses that at most
+        1e-3 s. Peaks are located between instants: they may be larger than what the histories show.
     pair_stiffness_factors, pair_restitutions : mapping of str to float, optional
         Factors on the contact stiffness of pairs, and their coefficients of restitution, by name.
 
@@ -89,12 +89,10 @@ def simulate(
     -------
     xarray.Dataset
         On ``time`` (s): ``displacement``, ``velocity`` (m, m/s, relative to the ground), ``acceleration`` (m/s2,
-        total), ``ground_acceleration``, ``contact_force`` (kN), ``penetration`` (m, zero while open), and energies
-        (kN m) ``input``, ``kinetic``, ``strain``, ``damping`` and ``transfer`` per building and ``work`` per pair;
-        where storeys yield ``storey_drift``, ``plastic_drift`` (m), ``storey_shear`` (kN) and ``hysteretic`` (kN m);
-        where neighbours are linked ``link_force`` (kN) and ``given_to_links`` (kN m); of foundations
-        ``foundation_sway`` (m) and ``foundation_rotation`` (rad); beside them every variable of a cube that the row
-        can have. The attribute ``scene`` holds the row as JSON. Histories end where a storey falls.
+        total), ``ground_acceleration``, ``contact_force`` (kN), ``penetration`` (m, zero while open), and energies (kN
+        m) ``input``, ``kinetic``, ``strain``, ``damping`` and ``transfer`` per building and ``work`` per pair; those of
+        storeys that yield, links and foundations; beside them every variable of a cube that the row can have. The
+        attribute ``scene`` holds the row as JSON. Histories end where a storey falls.
 
     Raises
     ------

@@ -38,9 +38,6 @@ if TYPE_CHECKING:
 class Sweep:
     """A parametric sweep of one row of buildings.
 
-    Every combination of the axes is one scenario; see `pounding_sweep.request.build.build_spec`
-    for all arguments and their units (kN, t, m, s).
-
     Parameters
     ----------
     scene : Scene or str
@@ -51,7 +48,8 @@ class Sweep:
         Contact laws.
     **arguments
         Axes (``gaps``, ``stiffness_factors``, ``restitutions`` and others), ``cases``, ``method``, ``dt``,
-        ``accuracy``, ``locate``, ``outputs``, ``precision``, ``title`` and all others of `build_spec`.
+        ``accuracy``, ``outputs``, ``title`` and all others of `pounding_sweep.request.build.build_spec`, with its units
+        (kN, t, m, s).
 
     Raises
     ------
@@ -229,22 +227,16 @@ class Sweep:
         ------
         InputError
             Unknown scheduler; the cube `extend` is of another scene, numerics or outputs, or made by other versions.
-        SweepError
-            The cube does not fit into memory, without `out`.
-        OutputError
-            The file can't be written, exists, does not fit on the disk, belongs to another sweep, or another process
-            is making it.
-        WriteError
-            The disk is full or failed, or the folder was removed; what is finished is kept.
+        SweepError, OutputError, WriteError
+            The cube does not fit into memory, the file can't be written, belongs to another sweep or another process,
+            or the disk is full; what is finished is kept.
         RunError
             No scenario has a result, and a file `out` is there: it stays.
         ClusterError
             The dask cluster can't be reached, is gone, or has no workers that can take part.
 
-        Notes
-        -----
-        Several sweeps may run at once, in threads of one process. The netCDF library is not made for threads: while a
-        sweep may be writing, open, read and close netCDF files by other means than this package only holding
+        Notes ----- Several sweeps may run at once, in threads of one process. While a sweep may be writing, open, read
+        and close netCDF files by other means than this package only holding
         ``pounding_sweep.output.netcdf.NETCDF_LOCK``, and wait for nothing that dask computes in threads meanwhile.
         """
         from pounding_sweep.output.netcdf import open_cube
@@ -309,8 +301,8 @@ def load_sweep(
     path : path
         The file; relative paths of records in it start from its folder.
     skip_missing_records : bool
-        Go on without the records that are not found, with a warning for each, as long
-        as one is left; the cube's attribute ``records_left_out`` names them.
+        Go on without the records that are not found, with a warning for each; ``records_left_out`` of the cube names
+        them.
     folders : path or several, optional
         Where records are looked for by name; by default in the folders of ``POUNDING_SWEEP_RECORDS``.
     laws : sequence of str or Law, optional
