@@ -194,12 +194,6 @@ def unique_scenarios(spec: SweepSpec, laws: Sequence[Law]) -> tuple[Scenarios, V
     return table, requested.variants, inverse.astype(np.int32)
 
 
-def joined(parts: Sequence[Scenarios]) -> Scenarios:
-    """Put tables one below the other."""
-    columns = zip(*(vars(part).values() for part in parts), strict=True)
-    return Scenarios(*map(np.concatenate, columns))
-
-
 def but_for_gaps(table: Scenarios) -> tuple[Scenarios, np.ndarray]:
     """Return one row for each stretch of rows that differ in their gaps alone, and how many rows that has."""
     columns = [column for name, column in vars(table).items() if name != "gaps"]

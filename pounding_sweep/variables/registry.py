@@ -41,8 +41,6 @@ DIMS = {
 }
 #: Classes of outputs whose errors were measured together (the largest among them): a choice of steps reads them.
 ERROR_CLASSES = ("motions", "contacts", "energies")
-#: The class of an output whose errors were not measured yet: it has no say in the choice of steps.
-UNMEASURED = "unmeasured"
 #: Time (s) before which the onset of floors without a gap is the start itself: they part by more than rounding first.
 ONSET_ROUNDING = 1e-4
 #: Stored in integer variables where there is no value.
@@ -135,7 +133,8 @@ class Variable:
     source: str = ""  # slot of the kernel that holds its values, if they are not made by a function of `SOURCES`
     per: str = "scenario"  # what there is a value for, a key of `DIMS`
     needs: Collection[str] = ()  # reducers of the compiled loop that it is made from, beside that of its slot
-    #: one of `ERROR_CLASSES`, or `UNMEASURED`; "" for one that says how a run went and not what it found
+    #: one of `ERROR_CLASSES`, or "unmeasured", which has no say in the choice of steps; "" for one that says how a run
+    #: went and not what it found
     error: str = ""
     #: products of outputs to whose largest its error is relative as well as to its own: it is a difference of larger
     #: ones, or one end of a range
