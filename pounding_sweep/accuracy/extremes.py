@@ -72,7 +72,9 @@ class Batch:
     @property
     def outputs(self) -> tuple[str, ...]:
         """What a run reports."""
-        if self.scene.flows:  # whose plastic drift flows on as they unload: none is residual
+        if not all(
+            spring.law.straight for spring in self.scene.springs
+        ):  # whose plastic drift flows on as they unload: none is residual
             return (*OUTPUTS, *YIELDING_PEAKS)
         return (*OUTPUTS, *YIELDING_OUTPUTS) if any(self.scene.yields) else OUTPUTS
 

@@ -559,11 +559,6 @@ class Scene:
         )
 
     @cached_property
-    def flows(self) -> bool:
-        """Whether internal variables of a storey flow between events."""
-        return not all(spring.law.straight for spring in self.springs)
-
-    @cached_property
     def linked_floors(self) -> tuple[LinkedFloors, ...]:
         """All links, each between two floors."""
         links = []

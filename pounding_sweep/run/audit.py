@@ -67,16 +67,6 @@ class Audit:
         """Scenarios with status ok, not undecided, whose error is beyond the tolerance."""
         return ~self.undecided & (self.status == Status.OK) & (self.error.max(axis=1) > self.tolerance)
 
-    @property
-    def warning(self) -> str:
-        """What is said where there are such scenarios."""
-        worst = self.error[self.exceeding].max(axis=0)
-        return (
-            f"the audit of {len(self.rows)} scenarios found {int(self.exceeding.sum())} with status ok whose error is "
-            f"beyond {self.tolerance:g}, the worst {worst.max():.2g} in {self.outputs[int(worst.argmax())]}; use a "
-            "smaller dt, or ask for an accuracy (see audit_error in the cube)"
-        )
-
 
 def candidates(plan: Plan, outcome: Outcome) -> np.ndarray:
     """Rows of the unique scenarios that touched and have values."""
@@ -176,8 +166,15 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher, check: bool = Fa
         )
         return None
     result = Audit(sample, random, outputs, error, status, undecided, len(rows), reference, share, tolerance)
-    if len(again) and result.exceeding.any():
-        warnings.warn(result.warning, RuntimeWarning, stacklevel=3)
+    if len(again) and (exceeding := result.exceeding).any():
+        worst = error[exceeding].max(axis=0)
+        warnings.warn(
+            f"the audit of {len(sample)} scenarios found {exceeding.sum()} with status ok whose error is beyond "
+            f"{tolerance:g}, the worst {worst.max():.2g} in {outputs[worst.argmax()]}; use a smaller dt, or ask for an "
+            "accuracy (see audit_error in the cube)",
+            RuntimeWarning,
+            stacklevel=3,
+        )
     return result
 
 
