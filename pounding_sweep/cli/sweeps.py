@@ -229,16 +229,18 @@ def _print_run(report: dict[str, Any], check: bool) -> None:
         ("kernels", f"{report['kernels_compiled']} compiled, ready after {seconds_text(report['compile_seconds'])}"),
         ("run", seconds_text(report["run_seconds"]) + speed),
     ]
-    lines += [("gap 0", _AT_REST)] if report["at_rest"] else []
-    lines += [("rest", report["rest_note"])] if report["rest_note"] else []
-    lines += [("accuracy", report["accuracy_choice"])] if report["accuracy_choice"] else []
-    if report["refined"] is not None:
-        lines.append(("refined", f"{report['refined']} of {counts['run']} scenarios run beyond half their step"))
-    lines += [("errors", report["errors_sentence"])] if report["errors_sentence"] else []
-    for item in report["statuses"]:
-        if item["remedy"]:
-            lines.append((item["label"], "{count}: {meaning}; {remedy}".format(**item)))
-    print_pairs(lines)
+    refined = f"{report['refined']} of {counts['run']} scenarios run beyond half their step"
+    notes = {
+        "gap 0": _AT_REST * report["at_rest"],
+        "rest": report["rest_note"],
+        "accuracy": report["accuracy_choice"],
+        "refined": refined * (report["refined"] is not None),
+        "errors": report["errors_sentence"],
+    }
+    ends = {
+        item["label"]: "{count}: {meaning}; {remedy}".format(**item) for item in report["statuses"] if item["remedy"]
+    }
+    print_pairs([*lines, *((name, text) for name, text in (notes | ends).items() if text)])
     if check:
         columns, errors = ("median", "most", "largest"), report["errors_by_law"]
         rows = [[row["law"], row["output"], *(f"{row[name]:.1e}" for name in columns)] for row in errors]

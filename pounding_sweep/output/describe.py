@@ -11,7 +11,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import repr_short
 from pounding_sweep.base.files import FilePath
-from pounding_sweep.base.text import fold, pairs_text, printable
+from pounding_sweep.base.text import fold, number_text, pairs_text, printable
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.audited import AUDIT_DIMS, audit_table, errors_by_law, errors_sentence
 from pounding_sweep.output.identity import ORIGINS, plain, sources
@@ -181,8 +181,8 @@ def describe(dataset: xr.Dataset, columns: int = 10**6) -> str:
         lines.append(f"  {requested} scenarios asked, {attributes.get('scenarios_run')} run")
     if "accuracy_choice" in attributes:
         lines.append(f"  accuracy {attributes['accuracy_choice']}")
-    if "error_estimate" in dataset and status is not None:
-        lines.append(f"  errors {errors_sentence(dataset, attributes)}")
+    if status is not None and (sentence := errors_sentence(dataset, attributes)):
+        lines.append(f"  errors {sentence}")
 
     axes: dict[bool, list[tuple[str, ...]]] = {False: [], True: []}
     for dim, axis in cube["dims"].items():
@@ -203,12 +203,7 @@ def describe(dataset: xr.Dataset, columns: int = 10**6) -> str:
             inner = " and ".join(dim for dim in variable["dims"] if dim in INNER_DIMS)
             text = f"{variable['long_name']}, per {inner}" if inner else variable["long_name"]
             variables.append((key, variable["units"] or "-", _range(dataset[key], status), text))
-    errors, audit = "Audit: relative errors", list[tuple[str, ...]]()
-    for row in cube["audit"]:
-        names = ("error_median", "error_max", "error_max_undecided")
-        median, largest, others = ("-" if row[name] is None else f"{row[name]:.1e}" for name in names)
-        undecided = f"undecided ones up to {others}" if row["undecided"] else ""
-        audit.append((row["output"], f"median {median}", f"up to {largest}", undecided))
+    numbers = "median", "max", "max_undecided"
     rest = {str(key): value for key, value in attributes.items() if key not in _SECTION_ATTRIBUTES}
     sections: dict[str, Sequence[Sequence[str]]] = {
         "Row": [(f"{item['name']}:", item["about"]) for item in cube["row"]],
@@ -221,7 +216,10 @@ def describe(dataset: xr.Dataset, columns: int = 10**6) -> str:
             for end in statuses(dataset.get("status", []), dataset.get("unsettled_output", []))
         ],
         "Where scenarios are not ok": [(end["label"], end["where"]) for end in cube["not_ok"]],
-        errors: audit,
+        "Audit: relative errors": [
+            (row["output"], *(f"{name} {number_text(row[f'error_{name}'])}".replace("_", " ") for name in numbers))
+            for row in cube["audit"]
+        ],
         "Records": [
             (_short(record["name"]), f"PGA {_number(record['pga'])} m/s2", _listed(record))
             for record in json.loads(attributes.get("records", "[]"))
@@ -237,8 +235,7 @@ def describe(dataset: xr.Dataset, columns: int = 10**6) -> str:
     folded = [fold(printable(line), columns) for line in lines]
     for heading, rows in sections.items():
         if rows:
-            above = [f"  {errors_sentence(dataset, attributes)}"] * (heading == errors)
-            folded += ["", heading, *(fold(line, columns) for line in above), pairs_text(rows, 2, columns)]
+            folded += ["", heading, pairs_text(rows, 2, columns)]
     return "\n".join(folded)
 
 
