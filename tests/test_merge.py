@@ -305,14 +305,11 @@ def test_a_file_given_twice_is_refused(whole, tmp_path, monkeypatch):
     a, b = saved(tmp_path, part(whole, gap=GAPS[:2]), part(whole, gap=GAPS[2:]))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "soft.nc").symlink_to(a)
-    (tmp_path / "hard.nc").hardlink_to(a)
     (tmp_path / "copy.nc").write_bytes(a.read_bytes())
     with pytest.raises(InputError, match="at least two cubes"):
         merge_cubes([a], "all.nc")
-    with pytest.raises(InputError, match=r"^'.*/a\.nc' is given twice; give each cube once$"):
-        merge_cubes([a, b, a], "all.nc")
-    for other in ("a.nc", "soft.nc", "hard.nc"):
-        with pytest.raises(InputError, match=rf"^'.*/a\.nc' and '{other}' are the same file; give each cube once$"):
+    for other in (a, "a.nc", "soft.nc"):
+        with pytest.raises(InputError, match=r"^'.*/a\.nc' is given twice; give each cube once$"):
             merge_cubes([a, b, other], "all.nc")
     assert not (tmp_path / "all.nc").exists()
     assert merge_cubes([a, b, "copy.nc"], "all.nc").overlapping == whole.status[:, :2].size

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import itertools
 import json
 import math
 import os
@@ -133,10 +132,9 @@ def merge_cubes(
     """
     if len(paths) < 2 or not math.isfinite(tolerance) or tolerance < 0:
         raise InputError(f"merging takes at least two cubes and a tolerance >= 0, not {len(paths)} and {tolerance!r}")
-    for one, two in itertools.combinations([os.fspath(path) for path in paths], 2):
-        if os.path.exists(one) and os.path.exists(two) and os.path.samefile(one, two):
-            twice = f"{two!r} is given twice" if one == two else f"{one!r} and {two!r} are the same file"
-            raise InputError(f"{twice}; give each cube once")
+    real = [os.path.realpath(path) for path in paths]
+    if twice := [path for path in real if real.count(path) > 1]:
+        raise InputError(f"{twice[0]!r} is given twice; give each cube once")
     target = check_output(out, overwrite)
     with ExitStack() as files:
         parts: Parts = {os.fspath(path): files.enter_context(open_cube(path)) for path in paths}
