@@ -479,11 +479,11 @@ def test_figures_are_saved_in_two_formats(made, tmp_path, monkeypatch):
 def test_figures_show_numbers_where_they_belong(made):
     storey = along("storey", 1, 2, 3)
     cube = outputs(displacement_max=1e-3 * storey, displacement_min=-2e-3 * storey, storey_shear_max=4e3 - 1e3 * storey)
-    displacements, shears = (PAPER_FIGURES[number][1](replace(made, cube=cube)).axes[0].lines for number in (5, 8))
+    displacements, shears = (PAPER_FIGURES[number][1](made._replace(cube=cube)).axes[0].lines for number in (5, 8))
     assert [line.get_xdata().tolist() for line in displacements[:2]] == [[0, 1, 2, 3], [0, -2, -4, -6]]
     assert shears[0].get_xdata().tolist() == [3.0, 3.0, 2.0, 2.0, 1.0, 1.0]
     assert shears[0].get_ydata().tolist() == [0, 1, 1, 2, 2, 3]
-    late = PAPER_FIGURES[20][1](replace(made, histories=histories(quiet_after=2.0)))
+    late = PAPER_FIGURES[20][1](made._replace(histories=histories(quiet_after=2.0)))
     assert late.axes[0].get_xlim()[1] < 2.2  # the quiet end of a record is not drawn
 
 

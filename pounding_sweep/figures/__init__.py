@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache, wraps
 from importlib import import_module
 from inspect import cleandoc, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pounding_sweep.base.errors import InputError, OutputError, check_choice, checked_arguments
 from pounding_sweep.base.files import FilePath, expanded, read_data
@@ -35,8 +34,7 @@ _FIGURES: dict[str, Kind] = {}
 FIGURES: dict[str, Kind]
 
 
-@dataclass(frozen=True)
-class Kind:
+class Kind(NamedTuple):
     """A figure by name, what draws it, and what a dataset must have for that."""
 
     key: str

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from textwrap import fill
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -207,8 +206,7 @@ def time_slice(one: xr.Dataset, start: float | None, end: float | None) -> xr.Da
     return part
 
 
-@dataclass(frozen=True)
-class PlotAxis:
+class PlotAxis(NamedTuple):
     """An axis to draw along."""
 
     dim: str  # dimension of the cube

@@ -5,10 +5,9 @@ from __future__ import annotations
 import base64
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pounding_sweep.base.files import replacing
 
@@ -16,8 +15,7 @@ from pounding_sweep.base.files import replacing
 _NUMBER = re.compile(r"-|[-+]?[\d.]+(e[-+]?\d+)?%?( of \d+| ms)?")
 
 
-@dataclass(frozen=True)
-class Grid:
+class Grid(NamedTuple):
     """A table as text."""
 
     title: str  # above it

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -163,8 +163,7 @@ class Outcome:
         return Verdict.PARTLY if share >= LIMITS["partly"] else Verdict.FAILS
 
 
-@dataclass(frozen=True)
-class Judgement:
+class Judgement(NamedTuple):
     """A conclusion of ``paper.toml``, judged for one reading, claim by claim."""
 
     conclusion: dict[str, Any]

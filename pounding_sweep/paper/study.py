@@ -5,9 +5,8 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from importlib.resources import files
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -85,8 +84,7 @@ OUTPUTS: list[str] = PAPER["outputs"]
 RESCALED = frozenset({"san_fernando"})
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(NamedTuple):
     """One way to read the paper's data."""
 
     key: str  # label on the ``reading`` axis
@@ -224,8 +222,7 @@ def thin_out(one: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(thin).reset_coords(drop=True)
 
 
-@dataclass(frozen=True)
-class Study:
+class Study(NamedTuple):
     """What was computed for the report."""
 
     cube: xr.Dataset  # the outputs on ``reading``, ``law``, ``record`` and what is inside a scenario
