@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import AXES, OUTPUTS, make, motions, row
 
+from pounding_sweep.base.text import number_text
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
@@ -251,7 +252,7 @@ def test_undecided_scenarios_are_told(halved_only, monkeypatch):
     assert cube.attrs["audit_undecided_share"] == undecided.mean()
     said = f"{counts[0]} ({undecided.mean():.1%}) undecided and set apart"
     assert said in errors_sentence(cube, cube.attrs)
-    assert "undecided ones up to" in describe(cube)
+    assert f"max undecided {number_text(item['error_max_undecided'])}" in describe(cube)
     assert not (sweep.last_audit.exceeding & undecided).any()
 
 
