@@ -116,12 +116,13 @@ def test_scenarios_are_cut_into_chunks_that_end_together(kinds, longest):
     """Each scenario once, alike ones side by side, the dearest first, in whole lane groups that get fewer."""
     record, law, steps = (np.array(column) for column in zip(*kinds, strict=True))
     n, none = len(kinds), np.zeros(len(kinds))
-    table = Scenarios(law, record, none, none, none, none[:, None], none.astype(int))
+    scale, gaps, variant = np.arange(n) % 3 - 1.5, np.arange(n)[:, None] % 7 + 1.0, np.arange(n) % 2
+    table = Scenarios(law, record, scale, none, none, gaps, variant)
 
     def seconds(record, steps):
         return (1.0 + record) * steps
 
-    settings = {"name": "x", "longest": longest * 16, "most": 50, "seconds": seconds}
+    settings = {"name": "x", "longest": longest * 16, "most": 50, "seconds": seconds, "elastic": True}
     chunks = cut(table, np.arange(n), steps, np.zeros(n, int), **settings)
     assert sorted(row for chunk in chunks for row in chunk.rows.tolist()) == list(range(n))
     assert len({chunk.key for chunk in chunks}) == len(chunks)
@@ -133,6 +134,7 @@ def test_scenarios_are_cut_into_chunks_that_end_together(kinds, longest):
         assert len(chunk.rows) <= max(16, 50, 16 * longest / seconds(chunk.record, chunk.steps))
         for name, column in (("record", record), ("law", law), ("steps", steps)):
             assert set(column[chunk.rows]) == {getattr(chunk, name)}
+        assert (np.diff(100.0 * variant[chunk.rows] + gaps[chunk.rows, 0] / np.abs(scale[chunk.rows])) >= -1e-9).all()
 
 
 class StopAfter(Progress):

@@ -234,7 +234,8 @@ class Plan:
                 variants = self.variants[table.variant[rows_of]]
                 flights[rows_of] = kernel.flight_substeps(self.spec.records[index], variants)
         most, seconds = CHUNK_BYTES // self.bytes_per_scenario, self.scenario_seconds
-        return scenarios.cut(table, rows, steps, flights, name=name, longest=CHUNK_SECONDS, most=most, seconds=seconds)
+        settings: dict[str, Any] = {"name": name, "longest": CHUNK_SECONDS, "most": most, "seconds": seconds}
+        return scenarios.cut(table, rows, steps, flights, elastic=not any(self.spec.scene.yields), **settings)
 
     def scenario_seconds(self, record: int, steps: int) -> float:
         """Estimated seconds of one scenario on one core, with `steps` per record interval."""

@@ -262,7 +262,7 @@ class Chunk:
     #: index into the plan's laws and records
     law: int
     record: int
-    rows: np.ndarray  # rows of the table that was cut, neighbouring gaps side by side; int
+    rows: np.ndarray  # rows of the table that was cut; int
     steps: int  # steps per record interval
 
 
@@ -281,10 +281,18 @@ def cut(
     longest: float,
     most: int,
     seconds: Callable[[int, int], float],
+    elastic: bool,
 ) -> list[Chunk]:
-    """Cut scenarios into chunks, the dearest first; depends on nothing but the arguments."""
+    """Cut scenarios into chunks, the dearest first; depends on nothing but the arguments.
+
+    In a chunk of `elastic` rows those with most contacts come first, and those that touch alike lie side by side: their
+    motions grow with the record's scale.
+    """
     codes = row_codes([column[rows] for column in (table.record, table.law, steps, flights)])
     order = np.argsort(codes, kind="stable")
+    if elastic:
+        gap_by_scale = np.arctan2(table.gaps[rows].sum(axis=1), np.abs(table.scale[rows]))
+        order = np.lexsort((gap_by_scale, table.variant[rows], codes))
     parts = []
     for part in np.split(rows[order], np.flatnonzero(np.diff(codes[order])) + 1) if len(rows) else ():
         record, law, count = (int(values[part[0]]) for values in (table.record, table.law, steps))
