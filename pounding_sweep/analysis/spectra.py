@@ -12,6 +12,7 @@ import xarray as xr
 
 from pounding_sweep.analysis.scenarios import labelled, numbers_in
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.base.files import read_data
 from pounding_sweep.engine.spectrum import MOST_STEPS, STEP, STEPS_PER_PERIOD, oscillator_peaks, strengths_for
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
@@ -28,12 +29,7 @@ DEFAULT_DAMPING = 0.05
 DEFAULT_PERIODS = np.concatenate([[0.0], np.geomspace(0.02, 10.0, 200)])
 
 #: Units and long name of each spectral ordinate.
-ORDINATES: dict[str, tuple[str, str]] = {
-    "spectral_displacement": ("m", "peak displacement of the oscillator relative to its base"),
-    "pseudo_velocity": ("m s-1", "pseudo-velocity: peak displacement times circular frequency"),
-    "pseudo_acceleration": ("m s-2", "pseudo-acceleration: peak displacement times circular frequency squared"),
-    "absolute_acceleration": ("m s-2", "peak total acceleration of the oscillator"),
-}
+ORDINATES: dict[str, tuple[str, str]] = read_data("records.toml")["ordinates"]
 
 
 def response_spectrum(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,25 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pounding_sweep.base import STANDARD_GRAVITY
+from pounding_sweep.base.files import read_data
 from pounding_sweep.base.text import number_text, print_json, print_pairs, print_table
 from pounding_sweep.cli import app
 from pounding_sweep.cli.app import AsJson, Folders, Overwrite, argument, option, output, reporting, say
 
 if TYPE_CHECKING:
     from pounding_sweep.records import Record
-
-#: Heading of each column of the list, what it is of a record, and how that is written.
-_COLUMNS: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
-    ("record", "name", str),
-    ("PGA g", "pga_g", "{:.4f}".format),
-    ("PGV m/s", "pgv", number_text),
-    ("Arias m/s", "arias_intensity", number_text),
-    ("CAV m/s", "cav", number_text),
-    ("5-95 % s", "significant_duration", "{:.2f}".format),
-    ("duration s", "duration", "{:g}".format),
-    ("dt s", "dt", "{:g}".format),
-    ("points", "points", str),
-)
 
 Column = Annotated[
     str | None, option("COLUMN", "Heading or number of the component, for files that have several.", default=...)
@@ -126,8 +113,12 @@ def _print(report: dict[str, Any]) -> None:
     from pounding_sweep.records import RECORDS_VARIABLE
     from pounding_sweep.records.catalogue import INSTALL
 
-    table = [[form(row[key]) for _, key, form in _COLUMNS] for row in report["records"]]
-    print_table([heading for heading, _, _ in _COLUMNS], table, right=range(1, 9))
+    columns = read_data("records.toml")["columns"]
+    table = [
+        [format(row[key], form) if form else number_text(row[key]) for key, form in columns.values()]
+        for row in report["records"]
+    ]
+    print_table([*columns], table, right=range(1, 9))
     print()
     print_pairs([(row["name"], f"{row['source'] or '-'}; {row['read']}") for row in report["records"]])
     if report["missing"]:

@@ -251,19 +251,8 @@ def _neighbours(scene: Scene, runs: xr.Dataset, factors: BehaviourFactors) -> xr
 CURVE = tuple(np.geomspace(1e-3, 0.9, 30).tolist())
 #: Parts of equal probability into which each of the two distributions behind an interval is cut.
 _PARTS = 50
-#: Endings of the names of a gap's, and of a rate's, numbers, and how they are had.
-_ENDS = {
-    "": "by a lognormal",
-    "_lower": "lower end of its confidence interval",
-    "_upper": "upper end of its confidence interval",
-    "_observed": "of the records themselves",
-}
-#: What these numbers are.
-_MEANINGS = {
-    "gap": "gap at which the pair touches with that probability",
-    "gap_in_years": "gap at which the pair touches in the years with that probability",
-    "rate": "annual rate at which the pair touches with the row's gap",
-}
+#: Endings of the names of a gap's, and of a rate's, numbers, and how they are had; what these numbers are.
+_ENDS, _MEANINGS = (read_data("comparisons.toml")[key] for key in ("ends", "meanings"))
 
 
 def gap_rows(result: xr.Dataset) -> list[Row]:

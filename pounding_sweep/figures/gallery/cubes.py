@@ -764,11 +764,6 @@ def _group_rules(pair: xr.Dataset) -> dict[str, int]:
 
 #: What tells groups of scenarios apart.
 _GROUP = ("law", "record", "beside")
-#: What is drawn of each input: how it is called, colour, marker, and how far above its place.
-_INDICES = {
-    "first": ("first index: of the input alone", COLOURS[1], "o", 0.16),
-    "total": ("total index: with what it does together with others", COLOURS[2], "s", -0.16),
-}
 
 
 @figure_of("sensitivity", "design", SALTELLI)
@@ -834,7 +829,7 @@ def sensitivity(cube: xr.Dataset, *, value: str | None = None, ax: Any = None) -
 def _draw_indices(panel: Any, part: xr.Dataset, value: str) -> list[float]:
     """Draw both indices of each input and their intervals; return the ends of these, and of all shares."""
     extremes = [0.0, 1.0]
-    for name, (label, colour, marker, up) in _INDICES.items():
+    for name, (label, colour, marker, up) in TABLES["indices"].items():
         y = np.arange(part.sizes["input"]) + up
         low, high = part[f"{value}_{name}_interval"].transpose("bound", "input").values
         panel.hlines(y, low, high, color=colour, linewidth=1.0)
