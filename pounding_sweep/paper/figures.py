@@ -16,15 +16,9 @@ from pounding_sweep.figures.gallery.spectra import ground_motion
 from pounding_sweep.figures.style import COLOURS, finish, in_style, subplots
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
 from pounding_sweep.paper.report import Picture
-from pounding_sweep.paper.study import BUILDINGS, PAIRS, READINGS, STOREYS, Study, record_title
+from pounding_sweep.paper.study import BUILDINGS, PAIRS, PAPER, READINGS, STOREYS, Study, record_title
 from pounding_sweep.run.execute import Progress
 
-_DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (5, 1.5, 1, 1.5)), (0, (1, 1)), (0, (3, 1)), (0, (8, 2)))
-#: Colour, dashes and width of the models' lines: no pounding thick and grey, behind the others.
-_LOOKS: dict[str, dict[str, Any]] = {
-    law: {"color": colour, "linestyle": dashes, "linewidth": 1.2}
-    for law, colour, dashes in zip(MATE2015_MODELS, COLOURS, _DASHES, strict=False)
-} | {"none": {"color": "0.6", "linestyle": "-", "linewidth": 2.6, "zorder": 1.5}}
 #: Names of models in legends: number in the paper, and law.
 _LABELS = {law: f"{LAWS[law].model}: {LAWS[law].title}" for law in MATE2015_MODELS}
 #: Base and floors.
@@ -51,7 +45,7 @@ def draw_models(
     for ax, (reading, record) in zip(axes.flat, product(readings, records), strict=True):
         for law in laws:
             for line in lines_of(values.sel(reading=reading, record=record, law=law)):
-                ax.plot(*line, label=_LABELS[law], **_LOOKS[law])
+                ax.plot(*line, label=_LABELS[law], **PAPER["looks"][law])
         if x.startswith("displacement"):
             ax.axvline(0.0, color="0.4", linewidth=0.8)
     for ax in axes.flat:
