@@ -103,7 +103,7 @@ class LawSpring:
         for size in np.array([1.0, 3.0, 10.0, 30.0, 100.0]) * (np.nan if leans else self.numbers.yield_drift[0]):
             far = d - np.sign(shear(d)) * size
             if shear(d) * shear(far) < 0.0:
-                return brentq(shear, d, far, xtol=1e-15 * size)
+                return round(brentq(shear, d, far, xtol=1e-15 * size), 15)
         return np.nan
 
 
