@@ -284,36 +284,37 @@ class Building:
         hardenings = hardening if isinstance(hardening, tuple) else (hardening,) * n
         infill = self.of_infill("stiffnesses")
         strengths = zip(self.yield_strengths or (math.inf,) * n, infill, strict=False)
+        heights = self.storey_heights or (DEFAULT_STOREY_HEIGHT,) * n
+        elevations = np.cumsum(heights)
         set_fields(
             self,
             n_storeys=n,
             infill_stiffnesses=infill,
-            storey_heights=self.storey_heights or (DEFAULT_STOREY_HEIGHT,) * n,
+            storey_heights=heights,
+            elevations=elevations,
+            levels=self.base_elevation + elevations,
             yields=tuple(math.isfinite(strength) or k > 0.0 for strength, k in strengths),
             hardenings=hardenings,
             uniform_hardening=hardenings[0] if len(set(hardenings)) == 1 else math.nan,
             dashed=tuple(c > 0.0 for c in self.dashpots or (0.0,) * n),
         )
-        set_fields(self, elevations=np.cumsum(self.storey_heights or ()))
-        set_fields(self, levels=self.base_elevation + self.elevations)
         with model_faults.Faults() as faults:
             self._check_parts(faults.add)
             if not faults.entries:
                 self._scale_to_period()
                 weights = np.cumsum(np.multiply(self.masses[::-1], STANDARD_GRAVITY * self.p_delta))[::-1]
-                geometric = weights / self.storey_heights
-                heights = zip(self.storey_heights or (), self.yields, strict=True)
+                geometric = weights / heights
                 stiffnesses = np.array(self.stiffnesses or (math.nan,) * n)
                 lateral = stiffnesses - geometric + self.infill_stiffnesses
                 set_fields(
                     self,
-                    drift_limits=tuple(h if self.p_delta and flag else math.inf for h, flag in heights),
+                    drift_limits=tuple(np.where(np.multiply(self.yields, self.p_delta), heights, math.inf).tolist()),
                     geometric_stiffnesses=tuple(geometric.tolist()),
                     storey_stiffnesses=tuple(stiffnesses.tolist()),
                     stability_coefficients=tuple((geometric / stiffnesses).tolist()),
                 )
                 if self.stiffness_matrix is not None:  # of what resists each drift alone
-                    drifts = np.diff(np.eye(n), axis=0, prepend=0.0)
+                    drifts = self.drifts[:, :n]
                     lateral = 1.0 / np.diag(drifts @ np.linalg.inv(self.lateral_matrix) @ drifts.T)
                 set_fields(self, lateral_stiffnesses=tuple(lateral.tolist()))
                 self._check_building(faults.add)
@@ -339,13 +340,13 @@ class Building:
         """Lateral stiffness matrix (kN/m) of the floors on a fixed base, without P-Delta."""
         if self.stiffness_matrix is not None:
             return np.array(self.stiffness_matrix)
-        drifts = np.diff(np.eye(self.n_storeys), axis=0, prepend=0.0)
+        drifts = self.drifts[:, : self.n_storeys]
         return (drifts.T * np.add(self.stiffnesses or (), self.infill_stiffnesses)) @ drifts
 
     @cached_property
     def lateral_matrix(self) -> np.ndarray:
         """What weights leave of the lateral stiffness matrix (kN/m) of the floors on a fixed base."""
-        drifts = np.diff(np.eye(self.n_storeys), axis=0, prepend=0.0)
+        drifts = self.drifts[:, : self.n_storeys]
         return self._without_weights - (drifts.T * self.geometric_stiffnesses) @ drifts
 
     @property
