@@ -39,7 +39,7 @@ def examples() -> dict[str, Path]:
 
 def example_title(name: str) -> str:
     """Return what an example shows."""
-    return str(tomllib.loads(examples()[name].read_text(encoding="utf-8"))["title"])
+    return tomllib.loads(examples()[name].read_text(encoding="utf-8"))["title"]
 
 
 def example_files(name: str) -> list[Path]:

@@ -117,7 +117,7 @@ def check_scheduler(scheduler: str | Client, workers: int | None) -> int:
         return 1 if scheduler == "synchronous" else len(os.sched_getaffinity(0))
     if not isinstance(workers, int) or workers < 1:
         raise InputError(f"workers = {workers!r} must be a whole number, at least 1")
-    return int(workers)
+    return workers
 
 
 def check_main_guard(starts_processes: bool) -> None:
