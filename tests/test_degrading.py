@@ -16,6 +16,7 @@ from scipy.linalg import eigh
 from test_bilinear import reference as bilinear
 
 import pounding_sweep as ps
+from benchmarks.drawn_rows import draw, earthquakes
 from pounding_sweep.analysis import fractiles, fragility, incremental
 from pounding_sweep.analysis.comparisons.fragility import FitStatus, sentence
 from pounding_sweep.analysis.exchange import export_pelicun
@@ -178,6 +179,16 @@ def test_a_drift_that_turns_and_goes_on_at_once_is_seen_in_a_long_step():
         for motion in (record, ps.Record(name="between", acceleration=between, dt=record.dt / 5))
     ]
     np.testing.assert_allclose(works[0], works[1], rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_storeys_that_move_by_less_than_rounding_are_at_rest():
+    """They would turn back again and again, without end, long after the record."""
+    spec = draw(3, 2, ["kelvin_voigt"], earthquakes(), ["degrading pinching"])
+    for case in spec.cases[5], spec.cases[10]:
+        given = {"stiffness": case.stiffness, "restitution": case.restitution, "method": "exact", "dt": 1e-3}
+        run = ps.simulate(ps.Scene(spec.scene.row, case.gap), spec.records[0].scaled(case.scale), law=case.law, **given)
+        assert run.status == Status.OK
 
 
 SCALES = [1.0, 2.0, 3.0, 4.0]
