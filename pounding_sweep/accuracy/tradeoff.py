@@ -19,6 +19,7 @@ import xarray as xr
 
 from pounding_sweep.accuracy.certificate import prepare_kernels
 from pounding_sweep.base.errors import InputError, SweepError, check_choice
+from pounding_sweep.base.files import read_data
 from pounding_sweep.base.text import finite, scientific
 from pounding_sweep.engine.row_kernel import Numerics
 from pounding_sweep.kernel.spec import LANES
@@ -50,40 +51,16 @@ REFINEMENT, REFERENCE_SHARE = 8, 0.125
 RESOLUTION = 3.0
 #: Shares of the scenarios whose error is at most the statistic.
 STATISTICS = {"median": 0.5, "p90": 0.9, "worst": 1.0}
-#: Sets of scenarios that statistics are made of.
-POPULATIONS = {
-    "all": "every scenario that was not refused",
-    "steady": "those that are not sensitive",
-    "sensitive": "those that are",
-    "ok": "those whose status is ok in this setting",
-    "ok_steady": "those whose status is ok in this setting and that are not sensitive",
-}
 #: Attribute by which a dataset is known as a trade, and its value.
 KIND_ATTRIBUTE, KIND = "pounding_sweep_kind", "tradeoff"
-_ERROR = "relative error: largest difference over the largest value of the scenario; infinite: diverged"
-_REFERENCE_ERROR = "upper estimate (its difference to twice its step) of the converged solution's own relative error"
+_TEXTS = read_data("tradeoff.toml")
+#: Sets of scenarios that statistics are made of.
+POPULATIONS: dict[str, str] = _TEXTS["populations"]
+_NUMBERS: dict[str, Any] = {"RESOLUTION": RESOLUTION, "CHANGE": CHANGE, "OK_CLAIM": OK_CLAIM}
+_NUMBERS["STATUS"] = " ".join(status.label for status in STATUS)
 #: Long name and units (or meanings of flags) of what a trade holds; ``law_error`` has those of ``error``.
-_ABOUT = {
-    "error": (_ERROR, "1"),
-    "resolution": ("least relative error that can be told from the converged solution's own", "1"),
-    "resolved": (f"error at least {RESOLUTION:g} times the converged solution's own", "no yes"),
-    "pareto": ("no other setting is as good in cost and error and better in one", "no yes"),
-    "cost": ("processor time of one core per thousand scenarios, best of the passes", "s"),
-    "cost_median": ("processor time of one core per thousand scenarios, median of the passes", "s"),
-    "status_count": ("scenarios of the sample by status", "1"),
-    "reference_error": (_REFERENCE_ERROR, "1"),
-    "scenario_error": (_ERROR, "1"),
-    "scenario_status": ("status of the scenario", " ".join(s.label for s in STATUS)),
-    "scenario_reference_error": (_REFERENCE_ERROR, "1"),
-    "sensitivity": (f"largest relative change of an output when all inputs change by {CHANGE:g}", "1"),
-    "sensitive": (f"sensitivity above {OK_CLAIM:g}", "steady sensitive"),
-    "located": ("contacts and peaks located inside the step", "no yes"),
-    "step": ("largest time step, missing where the accuracy sets it", "s"),
-    "accuracy": ("relative error asked for, missing where the step is fixed", "1"),
-    "time_step": ("largest time step taken: the record's own, divided evenly", "s"),
-    "population": ("; ".join(f"{key}: {text}" for key, text in POPULATIONS.items()), ""),
-    "statistic": ("the error that this share of the scenarios does not exceed: 0.5, 0.9, 1", ""),
-}
+_ABOUT = {name: [text.format(**_NUMBERS) for text in texts] for name, texts in _TEXTS["variables"].items()}
+_ABOUT["population"] = ["; ".join(f"{key}: {text}" for key, text in POPULATIONS.items()), ""]
 
 Values = dict[str, np.ndarray]
 
