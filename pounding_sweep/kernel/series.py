@@ -691,8 +691,10 @@ def _take_turns(group: Group) -> None:
             course = Series(lambda k: motion.of(_Term(group, k)), group.spec.series)  # noqa: B023
             asks = near & ((v0 * v1 <= 0.0) | _turns_twice(group, course))
             with when_any(asks):
+                rate = group.cell(course.read(1))
                 for a, b in _parts(group):  # a floor that all but rests in a contact may turn thrice
-                    r0, r1 = course.rate.value(a), course.rate.value(b)
+                    r0, r1 = rate.now, course.rate.value(b)
+                    rate.now = r1
                     with when_any(turns := asks & (r0 * r1 < 0.0)):
                         at = turn(group, turns, TURNS[group.spec.precision], course.rate.with_slope, (a, b), (r0, r1))
                         take_extremes(group, motion, turns, (course.value(at), x0, x1))

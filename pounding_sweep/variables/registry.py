@@ -445,9 +445,9 @@ REDUCERS: dict[str, Reducer] = {
         Reducer(
             "drift",
             (Slot("drift", "floor"),),
-            follows=lambda group, _: (
+            follows=lambda group, straight: (
                 Motion(("drift", storey.index), None, True, partial(_softness, storey), storey.drift)
-                for storey in group.iter_storeys(range(group.spec.n_dof))
+                for storey in group.iter_storeys(range(group.spec.n_dof), straight or not group.spec.series)
             ),
         ),
         Reducer("shear", (Slot("shear", "floor"),), where="shears", follows=_shears),
