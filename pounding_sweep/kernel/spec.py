@@ -77,8 +77,8 @@ STAGED_CAP = 0.5
 
 #: The same of steps by series, and the order of these: with a higher one steps are longer, but each takes longer too.
 SERIES_CAP, SERIES_ORDER = 1.2, {"float64": 14, "float32": 10}
-#: The same where storeys' internal variables flow, whose products of series take longest.
-FLOWING_ORDER = {"float64": 12, "float32": 10}
+#: The same where storeys yield, whose events make steps short.
+YIELDING_ORDER = {"float64": 12, "float32": 10}
 
 
 #: Most degrees of freedom written as one straight line; longer rows run through loops.
@@ -228,7 +228,7 @@ class KernelSpec:
         storeys = all(law_of(name, compiled).is_polynomial(compiled) for _, name, compiled in self.hysteretic)
         if not (self.by_series and polynomial and storeys):
             return 0
-        return (FLOWING_ORDER if self.flowing else SERIES_ORDER)[self.precision]
+        return (YIELDING_ORDER if self.yielding else SERIES_ORDER)[self.precision]
 
     @property
     def stepless(self) -> bool:
