@@ -270,8 +270,6 @@ def _find_event(group: Group) -> None:
         for number in numbers:
             s["ruled_out", number] = 0.0
     _converge(group)
-    if group.spec.yielding:
-        _converge_floors(group)
     s["fraction"] = maximum(s["fraction"], SOONEST)  # of what rests, no first term tells the size
     for spring in hysteresis.flowing(group):
         signs = [gauge.sign for gauge in spring.law.gauges(spring)]
@@ -318,47 +316,34 @@ def _kinds(spring: StoreySpring) -> list[list[Index]]:
 
 
 def _converge(group: Group) -> None:
-    """End the step where series of contacts leave out more than their share, or floors that part come back."""
-    # These may touch again and be gone by the end of a longer step, which its ends do not tell.
-    s, order, share, back = group.state, group.spec.series, group.cell(1.0), group.cell(1.0)
-    left_out = LEFT_OUT_YIELDING if group.spec.yielding else LEFT_OUT
+    """End the step where series leave out more than their share, or floors that part come back."""
+    # Those may touch again and be gone by the end of a longer step, which its ends do not tell. Least quotients are two
+    # numbers each: divisions of lanes take long.
+    s, n, order, yielding = group.state, group.spec.n_moving, group.spec.series, group.spec.yielding
+    share = (LEFT_OUT_YIELDING if yielding else LEFT_OUT)[group.spec.precision]
+    most, last, parts, bends = (group.cell(x) for x in (1.0, 1.0, 1.0, -PAST))
+
+    def take(first: Lanes, term: Lanes) -> None:
+        allowed, left_out = share * first, size(term)
+        less = left_out * most.now > allowed * last.now
+        most.now, last.now = where(less, allowed, most.now), where(less, left_out, last.now)
+
     for contact in _active(group, straight=True):
         depth = _depth(contact)
-        large = maximum(maximum(size(depth.read(0)), size(depth.read(1))), size(depth.read(2)))
-        most, last = left_out[group.spec.precision] * large, size(depth.read(order))
-        short = last > most
-        share.now = where(short, minimum(share.now, most / last), share.now)
         d, v, bend = (depth.read(k) for k in range(3))
+        take(reduce(maximum, map(size, (d, v, bend))), depth.read(order))
         returns = (contact.mode == OPEN) & (v < 0.0) & (bend > 0.0) & (d + v + bend > 0.0)
-        back.now = where(returns, minimum(back.now, PAST * v / where(returns, bend, 1.0)), back.now)
-    short = share.now < 1.0
+        sooner = returns & (parts.now * bend > -v * bends.now)
+        parts.now, bends.now = where(sooner, -v, parts.now), where(sooner, bend, bends.now)
+    for i in group.indices(n, straight=False) if yielding else ():
+        # the fourth of them too: a floor at rest begins with the ground's ramp
+        take(reduce(maximum, [size(s["taylor_u", i + k * n]) for k in range(4)]), s["taylor_u", i + order * n])
+    for spring in hysteresis.flowing(group):
+        take(spring.yield_drift, _slip(spring).read(order))
+    short = last.now > most.now
     with when_any(short):
-        s["fraction"] = where(short, roughly_power(share.now, 1.0 / order), s["fraction"])
-    s["fraction"] = minimum(s["fraction"], back.now)
-
-
-def _converge_floors(group: Group) -> None:
-    """End the step where the series of a floor, or of a plastic drift, is left out too early."""
-    s, n, order = group.state, group.spec.n_moving, group.spec.series
-    share = LEFT_OUT_YIELDING[group.spec.precision]
-
-    def terms() -> Iterator[tuple[Lanes, Lanes]]:
-        for i in group.indices(n, straight=False):
-            # the fourth of them too: a floor at rest begins with the ground's ramp
-            first = reduce(maximum, [size(s["taylor_u", i + k * n]) for k in range(4)])
-            yield share * first, size(s["taylor_u", i + order * n])
-        for spring in hysteresis.flowing(group):
-            yield share * spring.yield_drift, size(_slip(spring).read(order))
-
-    over = group.cell(0.0)
-    for most, last in terms():
-        over.now = maximum(over.now, last - most)
-    with when_any(over.now > 0.0):
-        least = group.cell(1.0)
-        for most, last in terms():
-            least.now = minimum(least.now, where(last > most, most / last, 1.0))
-        shorter = minimum(s["fraction"], roughly_power(least.now, 1.0 / order))
-        s["fraction"] = where(least.now < 1.0, shorter, s["fraction"])
+        s["fraction"] = where(short, roughly_power(most.now / last.now, 1.0 / order), s["fraction"])
+    s["fraction"] = minimum(s["fraction"], -PAST * parts.now / bends.now)
 
 
 class _Choice:
