@@ -321,16 +321,8 @@ def _errors(outputs: Sequence[str], values: Values, reference: Values) -> np.nda
 
 
 def pareto_front(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Say which points no other point beats: none is as good in both and better in one.
-
-    Parameters
-    ----------
-    cost, error : ndarray, shape (n,)
-        Smaller is better; a point with a number that is not finite is never on the front.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
+    """Say which points (costs and errors of finite numbers) no other point beats: none is as good in both, better in
+    one.
 
     Examples
     --------

@@ -148,11 +148,6 @@ def scaled_to_sa(record: Record, sa: float, period: float) -> Record:
     period : float
         Period (s), at least 1/64 of the record's step.
 
-    Returns
-    -------
-    Record
-        The same motion by another scale.
-
     Raises
     ------
     RecordError

@@ -39,6 +39,8 @@ def building_from_modes(
 ) -> Building:
     """Return the building that has these periods and mode shapes, as programs print them.
 
+    Its stiffness matrix is M Phi Omega^2 Phi' M of mass-normalised shapes Phi.
+
     Parameters
     ----------
     name : str
@@ -52,16 +54,11 @@ def building_from_modes(
     **properties
         Other arguments of `Building`.
 
-    Returns
-    -------
-    Building
-        With the stiffness matrix M Phi Omega^2 Phi' M of mass-normalised shapes Phi.
-
     Raises
     ------
     SceneError
-        There are not as many modes as floors, a period is not positive, or two shapes are not orthogonal by the masses:
-        more than 1 % of the product of their lengths is left. Below that they are made orthogonal, slowest first.
+        There are not as many modes as floors, a period is not positive, or more than 1 % of the product of two shapes
+        by the masses is left. Below that they are made orthogonal, slowest first.
 
     Examples
     --------

@@ -90,8 +90,7 @@ class Plan:
     once : bool
         Whether one run of each scenario is enough, where a sample that runs twice agrees.
     choice, choice_numbers : str and dict
-        What was chosen for the accuracy asked for, and the numbers that led to it; "" and None where the sweep gives
-        scheme and step.
+        What was chosen for the accuracy asked for, and the numbers that led to it; "" and None at a given step.
 
     Examples
     --------

@@ -173,8 +173,8 @@ def cyclic_test(building: Building, drifts: Any, storey: int = 1) -> xr.Dataset:
     -------
     xarray.Dataset
         By ``point`` (and ``history``): ``drift`` (m), ``shear`` (kN), ``stiffness`` (kN/m), the tangent of the branch
-        on which the point was reached, and ``energy`` (kN m), dissipated so far. With P-Delta they are missing from
-        where the drift has reached the storey height. `figures.loops` draws it.
+        on which the point was reached, and ``energy`` (kN m), dissipated so far; with P-Delta missing beyond a drift of
+        the storey height. `figures.loops` draws it.
 
     Raises
     ------
