@@ -321,8 +321,7 @@ def _errors(outputs: Sequence[str], values: Values, reference: Values) -> np.nda
 
 
 def pareto_front(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Say which points (costs and errors of finite numbers) no other point beats: none is as good in both, better in
-    one.
+    """Say which points (of finite cost and error) no other one beats, as good in both and better in one.
 
     Examples
     --------
