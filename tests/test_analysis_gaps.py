@@ -172,11 +172,12 @@ def test_correlation_follows_building_properties(stub_engine):
 
 
 def lsim_displacements(building, record, finer=40):
-    """Displacement of a one-storey building by scipy, at a step `finer` times finer than the record's."""
+    """Displacement of a one-storey building by scipy, at a step `finer` times finer, and at rest after the record."""
     w = math.sqrt(building.stiffnesses[0] / building.masses[0])
     system = StateSpace([[0, 1], [-(w**2), -2 * building.damping_ratio * w]], [[0], [-1]], [[1, 0]], [[0]])
-    t = np.arange((record.n_points - 1) * finer + 1) * record.dt / finer
-    return lsim(system, np.interp(t, record.time, record.acceleration), t)[1]
+    t = np.arange(2 * record.n_points * finer) * record.dt / finer
+    times, ground = np.append(record.time, record.n_points * record.dt), np.append(record.acceleration, 0.0)
+    return lsim(system, np.interp(t, times, ground), t)[1]
 
 
 @pytest.mark.slow

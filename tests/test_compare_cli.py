@@ -88,7 +88,8 @@ def test_one_scenario_with_its_histories(tmp_path):
 def test_one_comparison_prints_the_rows_of_its_result(cube_file, key):
     rows = told(cube_file, "--what", key)["rows"]
     with open_cube(cube_file) as cube:
-        apart = {"over": ["gap", "restitution"]} if key == "impacts" else {}
+        together = [dim for dim in cube["status"].dims if dim in ("gap", "restitution", "record")]
+        apart = {"over": together} if key == "impacts" else {}
         expected = table_rows(COMPARISONS[key].make(cube, **apart), COMPARISONS[key])
     assert rows == json.loads(json.dumps(expected))
     text = run(cube_file, "--what", key).stdout
