@@ -361,28 +361,29 @@ class Building:
     def _check_parts(self, fault: Callable[[Place, str], None]) -> None:
         """Tell of parts that do not go together."""
         n = self.n_storeys
-        laws = [("hysteresis", element) for element in self.elements]
-        laws += [("infill", element) for element in self.infill_elements]
-        values = ((name, getattr(self, name)) for name in _LISTS)
-        lengths: dict[Place, int] = {(name,): len(value) for name, value in values if isinstance(value, tuple)}
-        for name in ("stiffnesses", "yield_strengths", "hardening") if self.infill else ():
-            lengths["infill", name] = len(self.of_infill(name))
-        lengths |= {(at, name): length for at, element in laws for name, length in list_lengths(element).items()}
-        for place, length in lengths.items():
-            if length != n:
-                fault(place, f"{length} values for {n} masses; give one per storey")
+        for name in _LISTS:
+            if isinstance(values := getattr(self, name), tuple) and len(values) != n:
+                fault((name,), f"{len(values)} values for {n} masses; give one per storey")
         self._check_matrices(fault)
-        strengths = self.of_infill("yield_strengths")
-        if any(k and not strength for k, strength in zip(self.infill_stiffnesses, strengths, strict=False)):
-            fault(("infill", "yield_strengths"), "is 0 in a storey whose infill has a stiffness; give it a strength")
+        for name in ("stiffnesses", "yield_strengths", "hardening") if self.infill else ():
+            if len(values := self.of_infill(name)) != n:
+                fault(("infill", name), f"{len(values)} values for {n} masses; give one per storey")
+            elif name == "yield_strengths" and any(
+                k and not v for k, v in zip(self.infill_stiffnesses, values, strict=False)
+            ):
+                fault(("infill", name), "is 0 in a storey whose infill has a stiffness; give it a strength")
         if self.yield_strengths is None:
             for name, default in (("hardening", 0.0), ("damping_stiffness", "initial"), ("hysteresis", None)):
                 if getattr(self, name) != default:
                     fault((name,), f"{name} is that of storeys that yield; give yield_strengths too, or leave it out")
-        for _, element in laws:
+        laws = [("hysteresis", element) for element in self.elements]
+        for place, element in (*laws, *(("infill", element) for element in self.infill_elements)):
             if self.damping_stiffness == "tangent" and not STOREY_LAWS[element.law].has_tangent:
                 why = f"{element.law} has no tangent stiffness that is one number while a storey yields"
                 fault(("hysteresis",), f'{why}; give damping_stiffness = "initial"')
+            for name, length in list_lengths(element).items():
+                if length != n:
+                    fault((place, name), f"{length} values for {n} masses; give one per storey")
         for name in ("stiffness_share", "strength_share"):
             if abs(total := math.fsum(getattr(element, name) for element in self.elements) - 1.0) > ROUNDING:
                 fault(("hysteresis",), f"the sum of {name} of all elements is {1.0 + total:g}; it must be 1")
