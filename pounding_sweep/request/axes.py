@@ -1,17 +1,18 @@
 """What varies in a sweep: the registry of axes, evenly spaced values, listed cases.
 
-An axis is an entry of ``data/axes.toml``: the argument of `build_spec` and key of sweep files that gives its values,
-the dimension of the cube, how values are checked and what they are in a scenario. A listed case takes one value of it
-by the field of `Case` that has the dimension's name.
+An axis is one entry in `AxisValues`: the argument of `build_spec` and key of sweep files that gives its values, the
+dimension of the cube, how values are checked and what they are in a scenario. A listed case takes one value of it by
+the field of `Case` that has the dimension's name.
 """
 
+# ruff: noqa: RUF009 - fields of axes are made by functions
 from __future__ import annotations
 
 import math
 import operator
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from functools import cached_property, partial
 from itertools import zip_longest
 from typing import Annotated, Any
@@ -19,7 +20,6 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from pounding_sweep.base.errors import Fault, LawError, SceneError, SweepError
-from pounding_sweep.base.files import read_data
 from pounding_sweep.model.faults import Finite, Integer, checked, number_check, one_of
 from pounding_sweep.model.laws import Law, get_law, realised_validity
 from pounding_sweep.model.scene import Scene
@@ -52,7 +52,7 @@ class Axis:
     #: value of the axis, ``scene``, and ``law`` (of stiffness) or ``record`` and ``sa_period`` (of scale) -> value
     #: of the column
     value: Callable[..., float] = lambda value, **_: value
-    default: float | None = None  # value of a column that no axis is given for
+    default: Values = None  # values of a column that no axis is given for
     #: scene, laws (of axes by name: the names), records -> faults of a sweep that has the axis
     requires: Callable[[Scene, Sequence[Any], Sequence[Record]], Iterator[Fault]] = lambda *_: iter(())
     of_buildings: bool = False  # whether it changes buildings
@@ -178,28 +178,136 @@ def _need_ratios(scene: Scene, _laws: Sequence[Any], _records: Sequence[Record])
             yield ("damping_ratios",), why
 
 
+_need_strengths = partial(_need_parameters, lacking="yield_strengths")
+#: Factors on a period or on masses: beyond them nothing is a building, and numbers run out of range.
+_FACTOR = {"ge": 1e-3, "le": 1e3}
+
+
+def _axis(*about: Any, values: Any = None, **more: Any) -> Any:
+    """Make the field of an axis, with the values of a sweep without it."""
+    return field(default=values, metadata={"axis": Axis(*about, **more)})
+
+
+def _by_building(*about: Any, neutral: float = 1.0, **more: Any) -> Any:
+    """Make the field of an axis that is given for each building by name."""
+    return _axis(*about, values=(), of_buildings=True, by="building", neutral=neutral, **more)
+
+
+#: Makes the field of an axis that is given for each pair by name.
+_by_pair = partial(_axis, values=(), by="pair")
+
+
 @dataclass(frozen=True, kw_only=True)
 class AxisValues:
-    """Values of the axes that a sweep has."""
+    """The axes: one field for each."""
 
-    gaps: Values = None
-    stiffnesses: Values = None
-    stiffness_factors: Values = None
-    restitutions: tuple[float, ...] = ()
-    scales: tuple[float, ...] = ()
-    pgas: Values = None
-    sas: Values = None
-    period_factors: NamedValues = ()
-    mass_factors: NamedValues = ()
-    damping_ratios: Values = None
-    strength_factors: NamedValues = ()
-    hardenings: NamedValues = ()
-    ductility_capacity_factors: NamedValues = ()
-    deterioration_factors: NamedValues = ()
-    ductilities: Values = None
-    pair_gaps: NamedValues = ()
-    pair_stiffness_factors: NamedValues = ()
-    pair_restitutions: NamedValues = ()
+    # fmt: off
+    gaps: Values = _axis(
+        "gap", "gap", "gap in m", {"ge": 0.0},
+        "Gaps (m), each for every pair; by default the scene's own.",
+        "gap of every pair", "m",
+    )
+    stiffnesses: Values = _axis(
+        "stiffness", "stiffness", "contact stiffness in kN/m**exponent", {"gt": 0.0},
+        "Contact stiffnesses (kN/m**exponent); only where all laws share one exponent.",
+        "contact stiffness", requires=_need_one_exponent,
+        value=lambda value, scene, law: contact_stiffness(scene, law, stiffness=value),
+    )
+    stiffness_factors: Values = _axis(
+        "stiffness_factor", "stiffness", "stiffness factor", {"gt": 0.0},
+        "Factors on the scene's reference stiffnesses; 1 where neither axis is given.",
+        "factor on the scene's reference contact stiffness", default=(1.0,), requires=_need_references,
+        value=lambda value, scene, law: contact_stiffness(scene, law, stiffness_factor=value),
+    )
+    restitutions: tuple[float, ...] = _axis(
+        "restitution", "restitution", "coefficient of restitution", {"ge": 0.0, "le": 1.0},
+        "Coefficients of restitution; by default the scene's.",
+        "nominal coefficient of restitution", values=(),
+    )
+    scales: tuple[float, ...] = _axis(
+        "scale", "scale", "record scale", {},
+        "Factors on the records; 1 by default.",
+        "factor on the record", values=(), default=(1.0,),
+    )
+    pgas: Values = _axis(
+        "pga", "scale", "peak ground acceleration in m/s2", {"gt": 0.0},
+        "Peak ground accelerations (m/s2) that every record is scaled to, in place of `scales`.",
+        "peak ground acceleration", "m s-2", "the coordinate scale has the factor on each record",
+        value=lambda value, record, **_: value / record.pga, requires=_need_motion,
+    )
+    sas: Values = _axis(
+        "sa", "scale", "spectral acceleration in m/s2", {"gt": 0.0},
+        "Spectral accelerations (m/s2; pseudo-acceleration, 5 % damping) at the period `sa_period` that every record "
+        "is scaled to, in place of `scales`.",
+        "spectral acceleration (pseudo-acceleration, 5 % damping)", "m s-2",
+        "at the period of the attribute sa_period; the coordinate scale has the factor on each record",
+        value=_factor_to_spectrum, requires=_need_motion,
+    )
+    period_factors: NamedValues = _by_building(
+        "period_factor", "period_factor", "factor on periods", _FACTOR,
+        "Factors on all natural periods of a building, by its name, one axis each: "
+        "stiffnesses are divided by the square, masses kept.",
+        "factor on all periods", comment="stiffnesses are divided by its square, masses kept",
+    )
+    mass_factors: NamedValues = _by_building(
+        "mass_factor", "mass_factor", "factor on masses", _FACTOR,
+        "Factors on all masses of a building, by its name, one axis each: stiffnesses "
+        "take the same factor, so that periods are kept.",
+        "factor on all masses", comment="stiffnesses take it too, so that periods are kept",
+    )
+    damping_ratios: Values = _axis(
+        "damping_ratio", "damping_ratio", "damping ratio", {"ge": 0.0, "lt": 1.0},
+        "Damping ratios of all buildings, in [0, 1): Rayleigh's of the first two modes, or of all modes where a "
+        "building has modal_damping; by default each building's own.",
+        "damping ratio of the first two modes of all buildings", of_buildings=True, requires=_need_ratios,
+    )
+    strength_factors: NamedValues = _by_building(
+        "strength_factor", "strength_factor", "factor on yield strengths", {"ge": 1e-9, "le": 1e9},
+        "Factors on all yield strengths of a building, by its name, one axis each; 1 over a strength reduction.",
+        "factor on all yield strengths", requires=_need_strengths,
+    )
+    hardenings: NamedValues = _by_building(
+        "hardening", "hardening", "hardening", {"ge": 0.0, "lt": 1.0},
+        "Stiffness of a building's storeys that yield over their elastic one, by its name, in [0, 1), one axis each. "
+        "One number for all storeys, in place of the building's own, which may differ by storey.",
+        "stiffness of yielding storeys over their elastic one", requires=_need_strengths, neutral=math.nan,
+    )
+    ductility_capacity_factors: NamedValues = _by_building(
+        "ductility_capacity_factor", "ductility_capacity_factor", "factor on ductility capacities", _FACTOR,
+        "Factors on the drifts at which a building's springs, infill among them, lose strength, its cap and ultimate "
+        "drifts, by its name, one axis each.",
+        "factor on cap and ultimate drifts", requires=partial(_need_parameters, lacking="cap_drift or ultimate_drift"),
+    )
+    deterioration_factors: NamedValues = _by_building(
+        "deterioration_factor", "deterioration_factor", "factor on deterioration", _FACTOR,
+        "Factors on the reference drifts by which a building's springs deteriorate with cycles, infill among them, by "
+        "its name, one axis each: the larger, the less they do.",
+        "factor on reference drifts of deterioration", requires=partial(_need_parameters, lacking="deterioration"),
+    )
+    ductilities: Values = _axis(
+        "ductility", "ductility", "ductility", {"ge": 1.0},
+        "Largest storey ductilities, at least 1: each building gets the factor on its yield strengths at which it "
+        "alone reaches it without pounding, under the record and scale of each scenario. The cube lists its scenarios.",
+        "largest storey ductility without pounding",
+        comment="the coordinate strength_factor has the factor on the yield strengths of each building",
+        requires=_need_yielding, of_buildings=True, listed=True, finds="strength_factors",
+    )
+    pair_gaps: NamedValues = _by_pair(
+        "gap", "gap", "gap in m", {"ge": 0.0},
+        "Gaps (m) of a pair, by its name, one axis each; other pairs have those of `gaps`, or the scene's own.",
+        "gap", "m",
+    )
+    pair_stiffness_factors: NamedValues = _by_pair(
+        "stiffness_factor", "stiffness", "stiffness factor", {"gt": 0.0},
+        "Factors on the contact stiffness of a pair, by its name, one axis each, beside those of all pairs.",
+        "factor on the contact stiffness", neutral=1.0, of_pair=operator.mul,
+    )
+    pair_restitutions: NamedValues = _by_pair(
+        "restitution", "restitution", "coefficient of restitution", {"ge": 0.0, "le": 1.0},
+        "Coefficients of restitution of a pair, by its name, one axis each; other pairs have those of `restitutions`.",
+        "nominal coefficient of restitution",
+    )
+    # fmt: on
 
     def along(self, laws: Sequence[str], records: Sequence[str]) -> dict[str, Sequence[Any]]:
         """Return values by dimension, in the order of the cube."""
@@ -237,30 +345,8 @@ class AxisValues:
         return None
 
 
-#: What axes need and mean that is code, by argument.
-_FUNCTIONS: dict[str, dict[str, Any]] = {
-    "stiffnesses": {
-        "requires": _need_one_exponent,
-        "value": lambda value, scene, law: contact_stiffness(scene, law, stiffness=value),
-    },
-    "stiffness_factors": {
-        "requires": _need_references,
-        "value": lambda value, scene, law: contact_stiffness(scene, law, stiffness_factor=value),
-    },
-    "pgas": {"requires": _need_motion, "value": lambda value, record, **_: value / record.pga},
-    "sas": {"requires": _need_motion, "value": _factor_to_spectrum},
-    "damping_ratios": {"requires": _need_ratios},
-    "strength_factors": {"requires": partial(_need_parameters, lacking="yield_strengths")},
-    "hardenings": {"requires": partial(_need_parameters, lacking="yield_strengths")},
-    "ductility_capacity_factors": {"requires": partial(_need_parameters, lacking="cap_drift or ultimate_drift")},
-    "deterioration_factors": {"requires": partial(_need_parameters, lacking="deterioration")},
-    "ductilities": {"requires": _need_yielding},
-    "pair_stiffness_factors": {"of_pair": operator.mul},
-}
 #: Axes by argument of `build_spec`.
-AXES: dict[str, Axis] = {
-    name: Axis(**about, **_FUNCTIONS.get(name, {})) for name, about in read_data("axes.toml").items()
-}
+AXES: dict[str, Axis] = {field.name: field.metadata["axis"] for field in fields(AxisValues)}
 #: Axes by building and by pair, given in tables building.NAME and pair.NAME: argument -> kind.
 NAMED_KINDS = {
     by: {name: axis.dimension for name, axis in AXES.items() if axis.by == by} for by in ("building", "pair")

@@ -490,7 +490,7 @@ class _Reader:
             by_default = axis.default is not None and axis.column not in columns
             if scene is not None and not axis.by and (name in chosen or by_default):
                 self.faults.entries += axis.requires(scene, laws, self.records or [])
-            result |= {name: (axis.default,)} if by_default else {}
+            result |= {name: axis.default} if by_default else {}
         if "restitutions" not in chosen and scene is not None:
             taking = [law for law in laws if law.takes_restitution]
             missing = scene.contact.restitution is None
