@@ -51,7 +51,7 @@ SOURCES = (
     "model/rebound.py",
 )
 #: CPU seconds that a kernel takes to compile, by what adds to them, where a plain function of ``benchmarks.compiling``
-#: takes 1.42 s. Fitted to what ``python -m benchmarks.compiling 3,3,3`` prints, which is 0.6 to 1.2 times as long.
+#: takes 1.42 s. Fitted to what ``python -m benchmarks.compiling 3,3,3`` prints, which is 0.5 to 1.4 times as long.
 COMPILING = {
     "any": 0.19,
     "contacts": 0.063,
@@ -68,7 +68,7 @@ COMPILING = {
 #: Floors from which on kernels do not grow with a row: it runs through loops.
 MOST_FLOORS = FUSED_DOF + 2
 #: CPU seconds that it costs to begin a process that compiles.
-BEGINNING = 1.3
+BEGINNING = 0.6
 
 
 def cache_folder() -> Path:
