@@ -531,6 +531,7 @@ def _propose_ends(spring: StoreySpring, gauge: DriftGauge, kinds: list[Index], c
             stays = beyond & ~is_next(where(over, gauge.above, gauge.below))
             turns = (v0 * v1 < 0.0) & where(rises, most + bulge > high, least - bulge < low)
             ruled_out = where(rises, s["ruled_out", above], s["ruled_out", below]) > 0.0
+            choice.expect(stays & turns)
             hops = turns & ~stays & ~is_next(where(rises, gauge.above, gauge.below)) & ~ruled_out
             side = where(where(hops, rises, over), 1.0, -1.0)
             target, bound = (where(side > 0.0, *pair) for pair in ((gauge.above, gauge.below), (gauge.high, gauge.low)))
