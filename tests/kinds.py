@@ -359,7 +359,13 @@ SWEEPS = {
     **{
         f"founded, {method}": (
             _LINKED_SWEEP
-            | {"scene": FOUNDED, "method": method, "damping_ratios": [0.02, 0.06], "period_factors": {"a": [1.0, 1.3]}}
+            | {
+                "scene": FOUNDED,
+                "method": method,
+                "audit": 0.0,
+                "damping_ratios": [0.02, 0.06],
+                "period_factors": {"a": [1.0, 1.3]},
+            }
             | {"outputs": ["displacement_max", "drift_max", "foundation_sway_max", "energy_damping", "impact_count"]},
             near,
         )
