@@ -171,7 +171,7 @@ def test_a_sweep_equals_its_scenarios_one_by_one(name):
         at = {dim: cube[dim].values[i] for dim, i in place.items()}
         record = next(each for each in sweep.spec.records if each.name == at.get("record", each.name))
         law = "kelvin_voigt" if at["law"] == "none" else str(at["law"])
-        options = {each: given[each] for each in ("method", "dt") if each in given}
+        options = {each: given[each] for each in ("method", "dt", "rest") if each in given}
         one = ps.simulate(varied(given["scene"], at), record.scaled(float(at.get("scale", 1.0))), law=law, **options)
         for each in (each for each in given["outputs"] if each in cube and each in one):
             want = one[each].values
