@@ -540,9 +540,7 @@ def _propose_ends(spring: StoreySpring, gauge: DriftGauge, kinds: list[Index], c
             lanes = leaves & (hops | stays)
             number = where(side > 0.0, group.full(real(above)), group.full(real(below)))
             choice.propose(number, lanes, 1.0, _drift(spring, start, side), target)
-    # what moves by less than rounding rests
-    moves = size(d1 - d0) + s["span"] * (size(v0) + size(v1)) > more
-    held = asks & moves & ~(gauge.way == 0.0) & ~is_next(gauge.turned) & ~(s["ruled_out", turned] > 0.0)
+    held = asks & ~(gauge.way == 0.0) & ~is_next(gauge.turned) & ~(s["ruled_out", turned] > 0.0)
     with when_any(held):
         rate = _drift(spring, d0, 1.0).rate
         last, per = s["span"] * v1, (1.0 / 3.0) * end
